@@ -1,8 +1,7 @@
-/* Finds the up direction from the cameras. People and drones hold cameras level,
- * so the cameras' right axes are horizontal: up is the direction most perpendicular to all of them. When they are all
- * parallel (a straight track), up is known only to lie in a plane. If the cameras move forwards, up is also
- * perpendicular to the track, whether they look ahead, down or between. If they move sideways, up is upright along a
- * wall, or else the pictures' own up. */
+/* Finds the up direction from the cameras. People and drones hold cameras level, so the cameras' right axes are
+ * horizontal: up is the direction most perpendicular to all of them. When they are all parallel (a straight track), up
+ * is known only to lie in a plane. If the cameras move forwards, up is also perpendicular to the track, whether they
+ * look ahead, down or between. If they move sideways, up is upright along a wall, or else the pictures' own up. */
 #include "math/linalg.h"
 #include "pose/align_up.h"
 #include "pose/similarity.h"
