@@ -4,7 +4,7 @@
  *
  * Its errors are much larger than those of the other photos. Median error of a photo, as a share of its size, over the
  * median of the photos': 5.2 and 6.0 for two wrong ones, which had 0.16 and 0.07 of the median number of points; at
- * most 2.4 for 447 right ones of 18 sets (experiments.md, "Photos with a wrong pose").
+ * most 2.4 for 521 right ones of 19 sets (experiments.md, "Photos with a wrong pose").
  *
  * Or it stands apart, several times as far from every other photo as any two of these are from each other, and sees its
  * points from another side than they do. A reflection of a hill in a window was taken for the hill: that photo stood
