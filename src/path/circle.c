@@ -66,7 +66,8 @@ cn_status cn_path_photos(cn_path *path, const cn_scene *scene, const cn_path_opt
     double length = 0;
     for (size_t i = 0; keys && i < n; i++) {
         cn_view_centre(&scene->views[order[i]], keys[i].position);
-        cn_path_upright(scene, order[i], keys[i].quat, &keys[i].vfov_deg);
+        cn_path_rotation(scene, order[i], keys[i].quat);
+        keys[i].vfov_deg = cn_path_vfov_deg(scene, order[i]);
         if (i) length += cn_distance3(keys[i - 1].position, keys[i].position);
     }
     free(order);

@@ -40,10 +40,8 @@ static cn_status median_vfov(const cn_scene *scene, double *vfov_deg)
 {
     double *angles = malloc(sizeof *angles * scene->n_views);
     if (!angles) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
-    for (uint32_t i = 0; i < scene->n_views; i++) {
-        double quat[4];
-        cn_path_upright(scene, i, quat, &angles[i]);
-    }
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        angles[i] = cn_path_vfov_deg(scene, i);
     qsort(angles, scene->n_views, sizeof *angles, compare_doubles);
     *vfov_deg = angles[scene->n_views / 2];
     free(angles);
@@ -83,8 +81,7 @@ static cn_status choose_views(const cn_scene *scene, spline *s)
     for (uint32_t i = 0; i < s->n; i++) {
         const uint32_t view = order[s->n > 1 ? (uint64_t)i * (scene->n_views - 1) / (s->n - 1) : 0];
         cn_view_centre(&scene->views[view], s->controls[i].centre);
-        double vfov_deg;
-        cn_path_upright(scene, view, s->controls[i].quat, &vfov_deg);
+        cn_path_rotation(scene, view, s->controls[i].quat);
     }
     free(order);
     /* Names of photos by different people have no order: then fly from each view to the nearest one left. */

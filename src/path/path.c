@@ -27,17 +27,20 @@ uint32_t *cn_path_by_name(const cn_scene *scene)
     return cn_path_order(scene->n_views, view_name, scene);
 }
 
-void cn_path_upright(const cn_scene *scene, size_t view, double quat[4], double *vfov_deg)
+double cn_path_vfov_deg(const cn_scene *scene, uint32_t view)
 {
-    const cn_view *v = &scene->views[view];
-    const cn_side up = cn_view_side_up(v);
-    cn_camera camera = scene->cameras[v->camera];
-    double rotation[9];
+    const cn_side up = cn_view_side_up(&scene->views[view]);
+    cn_camera camera = scene->cameras[scene->views[view].camera];
     /* Pixels are nearly square. */
     if (up == CN_SIDE_LEFT || up == CN_SIDE_RIGHT) camera.height = camera.width;
-    *vfov_deg = cn_camera_vfov_deg(&camera);
-    memcpy(rotation, v->rotation, sizeof rotation);
-    cn_side_turn(up, rotation);
+    return cn_camera_vfov_deg(&camera);
+}
+
+void cn_path_rotation(const cn_scene *scene, uint32_t view, double quat[4])
+{
+    double rotation[9];
+    memcpy(rotation, scene->views[view].rotation, sizeof rotation);
+    cn_side_turn(cn_view_side_up(&scene->views[view]), rotation);
     cn_mat3_to_quat(rotation, quat);
 }
 

@@ -13,8 +13,9 @@ typedef struct cn_keyframe {
 } cn_keyframe;
 
 /* ---- path.c ---- */
-/* A view as if its photo stood upright: its rotation as a quaternion, and its vertical field of view, degrees. */
-void cn_path_upright(const cn_scene *scene, size_t view, double quat[4], double *vfov_deg);
+/* Of a view, as if its photo stood upright: its vertical field of view, degrees, and its rotation as a quaternion. */
+double cn_path_vfov_deg(const cn_scene *scene, uint32_t view);
+void cn_path_rotation(const cn_scene *scene, uint32_t view, double quat[4]);
 /* The views in the order of their photos' names by cn_path_compare. The caller frees the list; NULL when out of memory.
  */
 uint32_t *cn_path_by_name(const cn_scene *scene);

@@ -82,10 +82,10 @@ static told told_by_cameras(const cn_scene *scene)
     return what;
 }
 
-/* What the left outer tenth of a picture has more of than the right one, and the upper than the lower: brightness, and
- * brightness plus blue less red. */
+/* brighter: how much brighter the left outer tenth of a picture is than the right one. skier: how much more brightness
+ * plus blue less red the left one has than the right one, and the upper than the lower. */
 typedef struct edges {
-    double brighter[2], skier[2];
+    double brighter, skier[2];
 } edges;
 
 static void compare_edges(const float *rgba, uint32_t width, uint32_t height, edges *sum)
@@ -99,7 +99,7 @@ static void compare_edges(const float *rgba, uint32_t width, uint32_t height, ed
                      bright = (red + green + blue) / 3;
         for (int a = 0; a < 2; a++) {
             const double sign = at[a] < EDGE ? 1 : at[a] >= GRID - EDGE ? -1 : 0;
-            sum->brighter[a] += sign * bright / (GRID * EDGE);
+            if (a == 0) sum->brighter += sign * bright / (GRID * EDGE);
             sum->skier[a] += sign * (bright + blue - red) / (GRID * EDGE);
         }
     }
@@ -128,7 +128,7 @@ static cn_side side_of_sky(const cn_scene *scene, const cn_photo_index *index, b
     }
     const double across = fabs(all.skier[0]);
     if (n < FEWEST_READ || across < SKIER * n || across < ACROSS * fabs(all.skier[1])) return CN_SIDE_TOP;
-    if (brighter && all.brighter[0] * all.skier[0] < 0) return CN_SIDE_TOP;
+    if (brighter && all.brighter * all.skier[0] < 0) return CN_SIDE_TOP;
     if (left >= AGREE * n) return CN_SIDE_LEFT;
     return n - left >= AGREE * n ? CN_SIDE_RIGHT : CN_SIDE_TOP;
 }

@@ -23,45 +23,56 @@
 #define LARGE_PX 1.0       /* ... and at least that; not measured apart */
 #define APART 5            /* times the extent of the other photos; that one photo has 21 */
 #define OTHER_SIDE_COS 0.5 /* 60 degrees between the rays to a point */
-enum {
-    ONE_IN = 10,
-    MOST_RAYS = 64, /* others that an observation is compared with: enough to hold a near one */
-    NAMED_AT_MOST = 10
-};
+enum { ONE_IN = 10, NAMED_AT_MOST = 10 };
 
-/* Of each view. first: of its errors in `errors`; n: its observations of points that another one sees, of which so many
- * are from another side. */
+/* Of each view. first: of its errors in `errors`; n: of its errors; scratch: room to find a median. */
 typedef struct measures {
     uint64_t *first;
-    uint32_t *n, *other_side;
-    double *errors, *median, *counts;
+    uint32_t *n;
+    double *errors, *median_px, *scratch;
 } measures;
 
 static void measures_deinit(measures *m)
 {
     free(m->first);
     free(m->n);
-    free(m->other_side);
     free(m->errors);
-    free(m->median);
-    free(m->counts);
+    free(m->median_px);
+    free(m->scratch);
 }
 
-static bool measures_init(const cn_scene *scene, measures *m)
+static bool measure(const cn_scene *scene, measures *m)
 {
     const size_t room = scene->n_views + (size_t)2;
     *m = (measures){ .first = calloc(room, sizeof *m->first),
                      .n = calloc(room, sizeof *m->n),
-                     .other_side = calloc(room, sizeof *m->other_side),
                      .errors = malloc((scene->n_observations + 1) * sizeof *m->errors),
-                     .median = calloc(room, sizeof *m->median),
-                     .counts = calloc(room, sizeof *m->counts) };
-    if (!m->first || !m->n || !m->other_side || !m->errors || !m->median || !m->counts) return false;
+                     .median_px = calloc(room, sizeof *m->median_px),
+                     .scratch = calloc(room, sizeof *m->scratch) };
+    if (!m->first || !m->n || !m->errors || !m->median_px || !m->scratch) return false;
     for (uint64_t i = 0; i < scene->n_observations; i++)
         m->first[scene->observations[i].view + 1]++;
-    for (uint32_t i = 0; i < scene->n_views; i++)
-        m->first[i + 1] += m->first[i];
+    for (uint32_t v = 0; v < scene->n_views; v++)
+        m->first[v + 1] += m->first[v];
+    for (uint32_t p = 0; p < scene->n_points; p++) {
+        const cn_point *point = &scene->points[p];
+        for (uint32_t i = 0; point->n_observations > 1 && i < point->n_observations; i++) {
+            const cn_observation *seen = &scene->observations[(uint64_t)point->first_observation + i];
+            double error_px;
+            if (!cn_scene_error(scene, point, seen, &error_px)) continue;
+            m->errors[m->first[seen->view] + m->n[seen->view]++] = error_px;
+        }
+    }
+    for (uint32_t v = 0; v < scene->n_views; v++)
+        if (m->n[v]) m->median_px[v] = cn_select(m->errors + m->first[v], m->n[v], m->n[v] / 2);
     return true;
+}
+
+/* Errors of photos of other sizes are compared as shares of them. */
+static double size_px(const cn_scene *scene, uint32_t view)
+{
+    const cn_camera *camera = &scene->cameras[scene->views[view].camera];
+    return fmax(camera->width, camera->height);
 }
 
 static void unit_ray(const cn_scene *scene, const cn_point *point, uint32_t view, double ray[3])
@@ -72,75 +83,44 @@ static void unit_ray(const cn_scene *scene, const cn_point *point, uint32_t view
     cn_normalize3(ray);
 }
 
-/* Whether observation i of a point is from another side than all others that it is compared with. */
-static bool is_from_other_side(const cn_scene *scene, const cn_point *point, uint32_t i)
+/* Whether a view sees most of its points from another side than all other views do. */
+static bool is_on_other_side(const cn_scene *scene, uint32_t view)
 {
-    const cn_observation *seen = scene->observations + point->first_observation;
-    const uint32_t n = point->n_observations, others = n - 1, compared = others < MOST_RAYS ? others : MOST_RAYS;
-    double ray[3], other[3];
-    unit_ray(scene, point, seen[i].view, ray);
-    for (uint32_t k = 0; k < compared; k++) {
-        const uint32_t j = (i + 1 + (uint32_t)((uint64_t)k * others / compared)) % n;
-        if (seen[j].view == seen[i].view) continue;
-        unit_ray(scene, point, seen[j].view, other);
-        if (cn_dot3(ray, other) > OTHER_SIDE_COS) return false;
-    }
-    return true;
-}
-
-static void measure(const cn_scene *scene, measures *m)
-{
+    uint32_t n = 0, n_other = 0;
     for (uint32_t p = 0; p < scene->n_points; p++) {
         const cn_point *point = &scene->points[p];
-        for (uint32_t i = 0; point->n_observations > 1 && i < point->n_observations; i++) {
-            const cn_observation *seen = &scene->observations[(uint64_t)point->first_observation + i];
-            double error_px;
-            if (!cn_scene_error(scene, point, seen, &error_px)) continue;
-            m->errors[m->first[seen->view] + m->n[seen->view]++] = error_px;
+        const cn_observation *seen = scene->observations + point->first_observation;
+        double ray[3], other[3], nearest = -1;
+        bool sees = false;
+        unit_ray(scene, point, view, ray);
+        for (uint32_t i = 0; i < point->n_observations; i++) {
+            sees = sees || seen[i].view == view;
+            if (seen[i].view == view) continue;
+            unit_ray(scene, point, seen[i].view, other);
+            nearest = fmax(nearest, cn_dot3(ray, other));
         }
+        n += sees && point->n_observations > 1;
+        n_other += sees && point->n_observations > 1 && nearest < OTHER_SIDE_COS;
     }
-    for (uint32_t v = 0; v < scene->n_views; v++) {
-        m->counts[v] = m->n[v];
-        m->median[v] = m->n[v] ? cn_select(m->errors + m->first[v], m->n[v], m->n[v] / 2) : 0;
-    }
-}
-
-/* Only views with few points need it, so it is counted for them alone. */
-static void count_other_side(const cn_scene *scene, double most, measures *m)
-{
-    for (uint32_t p = 0; p < scene->n_points; p++) {
-        const cn_point *point = &scene->points[p];
-        for (uint32_t i = 0; point->n_observations > 1 && i < point->n_observations; i++) {
-            const uint32_t view = scene->observations[(uint64_t)point->first_observation + i].view;
-            if (m->n[view] < most) m->other_side[view] += is_from_other_side(scene, point, i);
-        }
-    }
+    return 2 * n_other > n;
 }
 
 /* Whether a view is much farther from every other one than any two of these are from each other. */
 static bool stands_apart(const cn_scene *scene, uint32_t view)
 {
-    double low[3], high[3], centre[3], at[3], nearest = INFINITY;
-    bool any = false;
+    double low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY };
+    double centre[3], at[3], nearest = INFINITY;
     cn_view_centre(&scene->views[view], centre);
     for (uint32_t i = 0; i < scene->n_views; i++) {
         if (i == view) continue;
         cn_view_centre(&scene->views[i], at);
         nearest = fmin(nearest, cn_distance3(centre, at));
         for (int k = 0; k < 3; k++) {
-            low[k] = any ? fmin(low[k], at[k]) : at[k];
-            high[k] = any ? fmax(high[k], at[k]) : at[k];
+            low[k] = fmin(low[k], at[k]);
+            high[k] = fmax(high[k], at[k]);
         }
-        any = true;
     }
-    return any && nearest > APART * cn_distance3(low, high); /* the box's diagonal is no shorter than their distances */
-}
-
-/* Errors of photos of other sizes are compared as shares of them. */
-static double size_px(const cn_scene *scene, uint32_t view)
-{
-    const cn_camera *camera = &scene->cameras[scene->views[view].camera];
-    return fmax(camera->width, camera->height);
+    return nearest > APART * cn_distance3(low, high); /* the box's diagonal is no shorter than their distances */
 }
 
 typedef enum wrong { RIGHT, LARGE_ERRORS, FROM_AFAR } wrong;
@@ -150,19 +130,18 @@ static uint32_t judge(const cn_scene *scene, measures *m, wrong *what)
 {
     const uint32_t n = scene->n_views;
     uint32_t n_wrong = 0;
-    measure(scene, m);
-    const double few = FEW * cn_select(m->counts, n, n / 2);
-    double *medians = m->counts; /* its order is gone */
     for (uint32_t i = 0; i < n; i++)
-        medians[i] = m->median[i] / size_px(scene, i);
-    const double typical = cn_select(medians, n, n / 2);
-    count_other_side(scene, few, m);
+        m->scratch[i] = m->n[i];
+    const double few = FEW * cn_select(m->scratch, n, n / 2);
+    for (uint32_t i = 0; i < n; i++)
+        m->scratch[i] = m->median_px[i] / size_px(scene, i);
+    const double typical = cn_select(m->scratch, n, n / 2);
     for (uint32_t i = 0; i < n; i++) {
         what[i] = RIGHT;
         if (!m->n[i] || m->n[i] >= few) continue;
-        if (m->median[i] > LARGE_PX && m->median[i] > LARGER * typical * size_px(scene, i))
+        if (m->median_px[i] > fmax(LARGE_PX, LARGER * typical * size_px(scene, i)))
             what[i] = LARGE_ERRORS;
-        else if (2 * m->other_side[i] > m->n[i] && stands_apart(scene, i))
+        else if (stands_apart(scene, i) && is_on_other_side(scene, i))
             what[i] = FROM_AFAR;
         n_wrong += what[i] != RIGHT;
     }
@@ -182,39 +161,22 @@ static void say_which(const cn_context *ctx, const cn_view *view, wrong what, ui
                view->name, n);
 }
 
-/* Gives all observations of points that fewer than two of the right views see to a wrong view, so that they go with
- * it. */
-static void give_up_points(cn_scene *scene, const bool *keep)
-{
-    for (uint32_t p = 0; p < scene->n_points; p++) {
-        cn_observation *seen = scene->observations + scene->points[p].first_observation;
-        const uint32_t n = scene->points[p].n_observations;
-        uint32_t kept = 0, out = UINT32_MAX;
-        for (uint32_t i = 0; i < n; i++) {
-            kept += keep[seen[i].view];
-            if (!keep[seen[i].view]) out = seen[i].view;
-        }
-        for (uint32_t i = 0; i < n && kept < 2 && out != UINT32_MAX; i++)
-            seen[i].view = out;
-    }
-}
-
 cn_status cn_pose_drop_outliers(const cn_context *ctx, cn_scene *scene)
 {
     measures m;
     if (scene->n_views < ONE_IN || !scene->n_points) return CN_OK;
     wrong *what = calloc(scene->n_views, sizeof *what);
     bool *keep = malloc(scene->n_views);
-    const bool room = measures_init(scene, &m) && what && keep;
+    const bool room = measure(scene, &m) && what && keep;
     cn_status status = room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory looking for photos with a wrong pose");
     const uint32_t n_wrong = room ? judge(scene, &m, what) : 0;
     if (n_wrong && n_wrong <= scene->n_views / ONE_IN) {
         for (uint32_t i = 0, named = 0; i < scene->n_views; i++) {
             keep[i] = what[i] == RIGHT;
-            if (!keep[i] && named++ < NAMED_AT_MOST) say_which(ctx, &scene->views[i], what[i], m.n[i], m.median[i]);
+            if (!keep[i] && named++ < NAMED_AT_MOST) say_which(ctx, &scene->views[i], what[i], m.n[i], m.median_px[i]);
         }
-        give_up_points(scene, keep);
         status = cn_scene_keep_views(scene, keep);
+        if (status == CN_OK) cn_scene_drop_errors(scene, INFINITY); /* and points that fewer than two views see */
     }
     measures_deinit(&m);
     free(what);

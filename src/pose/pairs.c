@@ -133,6 +133,11 @@ static bool find_in_bands(const cn_photo_index *index, const spot *spots, uint32
     return fine;
 }
 
+static const char *photo_name(const void *index, uint32_t photo)
+{
+    return ((const cn_photo_index *)index)->photos[photo].name;
+}
+
 static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots, cn_photo_pairs *pairs)
 {
     uint32_t n;
@@ -141,11 +146,14 @@ static cn_status find_pairs(const cn_photo_index *index, uint32_t k, spot *spots
     if (!apart) return CN_OK;
     qsort(spots, n, sizeof *spots, compare_spots);
     bool fine = find_neighbours(spots, n, k, pairs) && find_in_bands(index, spots, n, k > 1 ? k / 2 : 1, pairs);
+    uint32_t *order = cn_path_order(index->n_photos, photo_name, index);
+    fine = fine && order;
     for (uint32_t i = 0; i < index->n_photos && fine; i++) {
-        if (index->photos[i].has_gps) continue;
+        if (index->photos[order[i]].has_gps) continue;
         for (uint32_t j = i > k ? i - k : 0; j < index->n_photos && j <= i + k && fine; j++)
-            if (j != i) fine = cn_photo_pairs_add(pairs, i, j);
+            if (j != i) fine = cn_photo_pairs_add(pairs, order[i], order[j]);
     }
+    free(order);
     return fine ? CN_OK : no_memory(pairs);
 }
 
@@ -175,11 +183,6 @@ cn_status cn_photo_pairs_all(uint32_t n_photos, cn_photo_pairs *pairs)
                 for (uint32_t b = j > a ? j : a + 1; b < j + BLOCK && b < n_photos; b++)
                     if (!cn_photo_pairs_add(pairs, a, b)) return no_memory(pairs);
     return CN_OK;
-}
-
-static const char *photo_name(const void *index, uint32_t photo)
-{
-    return ((const cn_photo_index *)index)->photos[photo].name;
 }
 
 cn_status cn_photo_pairs_in_sequence(const cn_photo_index *index, cn_photo_pairs *pairs)

@@ -17,8 +17,8 @@ void cn_photo_pairs_sort(cn_photo_pairs *pairs);
 /* These fill empty pairs, each pair once; on failure the pairs are empty. CN_ERR_NOMEM.
  *
  * Each photo with its `neighbours` nearest by GPS, and where altitudes differ by more than 20 m with half as many of
- * about its own altitude; photos without GPS with their neighbours by name. No pairs when GPS gives the same place for
- * most photos. */
+ * about its own altitude; photos without GPS with their neighbours by name (cn_path_compare). No pairs when GPS gives
+ * the same place for most photos. */
 CN_NODISCARD cn_status cn_photo_pairs_near(const cn_photo_index *index, uint32_t neighbours, cn_photo_pairs *pairs);
 /* Every pair of n photos, in an order in which a few hundred photos at a time recur. */
 CN_NODISCARD cn_status cn_photo_pairs_all(uint32_t n_photos, cn_photo_pairs *pairs);
