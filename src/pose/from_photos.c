@@ -44,6 +44,7 @@ static cn_status read_result(const cn_context *ctx, const cn_photo_index *index,
     CN_TRY(cn_scene_read_colmap(scene, model));
     if (cn_colmap_needs_links(index)) CN_TRY(cn_colmap_restore_names(scene, index));
     CN_TRY(cn_pose_tie(ctx, scene, index, true, model));
+    CN_TRY(cn_pose_drop_unsupported(ctx, scene));
     return cn_pose_drop_outliers(ctx, scene);
 }
 

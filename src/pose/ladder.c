@@ -8,6 +8,7 @@
 #include "pose/align_fit.h"
 #include "pose/colmap.h"
 #include "pose/mapping.h"
+#include "pose/outlier.h"
 #include "pose/retrieval.h"
 #include "pose/scene.h"
 #include "pose/similarity.h"
@@ -48,8 +49,10 @@ static cn_status simplify_cameras(const cn_colmap_job *j)
 }
 
 /* Along a street the camera moves forwards, and angles between photos are small: COLMAP's defaults find no pair to
- * begin with. */
-#define FORWARD "--Mapper.init_max_forward_motion", "0.99", "--Mapper.init_min_tri_angle"
+ * begin with. They also drop models of fewer than 10 photos, or, of less than 13 photos, fewer than 0.8 of them: all
+ * poses of a few photos, if some photos show something else. */
+#define FORWARD                                                                                                        \
+    "--Mapper.min_model_size", "3", "--Mapper.init_max_forward_motion", "0.99", "--Mapper.init_min_tri_angle"
 #define LOOSE                                                                                                          \
     "--Mapper.init_min_num_inliers", "50", "--Mapper.abs_pose_min_num_inliers", "15",                                  \
         "--Mapper.abs_pose_min_inlier_ratio", "0.15"
@@ -164,13 +167,15 @@ static bool is_enough(const cn_colmap_task *task, const kept *found, const cn_ru
     return posed || n > MOST_PHOTOS_FOR_NEW_FEATURES;
 }
 
+/* Of as many photos, many points with small errors hold the poses best. Errors alone favour few points: 16 photos of a
+ * rig had 244 points at 0.54 px, and 593 at 0.57 px. */
 static bool is_better(const cn_mapped *a, const cn_mapped *b)
 {
     if (!a->model || !b->model) return a->model != NULL;
     if (a->n_photos != b->n_photos) return a->n_photos > b->n_photos;
     if (cn_align_is_clearly_better(a->n_gps, b->n_agree, a->n_agree)) return true;
     if (cn_align_is_clearly_better(a->n_gps, a->n_agree, b->n_agree)) return false;
-    return a->error_px < b->error_px;
+    return a->n_points * b->error_px > b->n_points * a->error_px;
 }
 
 /* Counts the photos of the core, and those whose GPS agrees with the model. */
@@ -182,6 +187,7 @@ static cn_status count_photos(const cn_colmap_task *task, cn_mapped *got)
     CN_TRY(cn_scene_read_colmap(&scene, got->model));
     cn_status status = cn_colmap_needs_links(task->index) ? cn_colmap_restore_names(&scene, task->index) : CN_OK;
     if (status == CN_OK) status = cn_scene_tie(&scene, task->index, &n_lost);
+    if (status == CN_OK) status = cn_pose_drop_unsupported(NULL, &scene);
     if (status == CN_OK)
         status = cn_align_count(&scene, task->index, task->options->max_error_m, &got->n_gps, &got->n_agree);
     for (uint32_t v = 0; status == CN_OK && v < scene.n_views; v++)

@@ -7,6 +7,7 @@
 #include "pose/colmap.h"
 #include "pose/global.h"
 #include "pose/lens.h"
+#include "pose/outlier.h"
 #include "pose/scene.h"
 
 #include <math.h>
@@ -455,12 +456,13 @@ static cn_status measure(cn_mapped *out, double *skewed, cn_lens_view *lens)
 {
     cn_scene scene;
     CN_TRY(cn_scene_read_colmap(&scene, out->model));
+    *skewed = most_skewed(&scene, lens);
+    const cn_status status = cn_pose_drop_unsupported(NULL, &scene);
     out->n_photos = scene.n_views;
     out->n_points = scene.n_points;
     out->error_px = cn_scene_measure_errors(&scene);
-    *skewed = most_skewed(&scene, lens);
     cn_scene_deinit(&scene);
-    return CN_OK;
+    return status;
 }
 
 static cn_status map_and_adjust(cn_colmap_job *j, const cn_mapping *how, cn_mapped *out)

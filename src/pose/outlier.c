@@ -17,6 +17,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define FEW 0.25           /* of the median number of points */
 #define LARGER 4           /* times the median error ... */
@@ -24,6 +25,11 @@
 #define APART 5            /* times the extent of the other photos; that one photo has 21 */
 #define OTHER_SIDE_COS 0.5 /* 60 degrees between the rays to a point */
 enum { ONE_IN = 10, NAMED_AT_MOST = 10 };
+
+/* A pose needs three points, and a few more that confirm it. COLMAP asks for 30 matches that agree, but later steps
+ * take points away: photos of a rig that looks all around kept 1, 3 and 4 points, and one stood 600 units away. Right
+ * poses of 23 sets have 24 at least (experiments.md, "Photos with a wrong pose"). */
+enum { FEWEST = 12 };
 
 /* Of each view. first: of its errors in `errors`; n: of its errors; scratch: room to find a median. */
 typedef struct measures {
@@ -180,6 +186,43 @@ cn_status cn_pose_drop_outliers(const cn_context *ctx, cn_scene *scene)
     }
     measures_deinit(&m);
     free(what);
+    free(keep);
+    return status;
+}
+
+/* keep[i]: whether enough points that another view sees, too, hold view i. Returns how many views are to be dropped. */
+static uint32_t count_support(const cn_scene *scene, uint32_t *n_points, bool *keep)
+{
+    uint32_t n_odd = 0;
+    memset(n_points, 0, scene->n_views * sizeof *n_points);
+    for (uint32_t p = 0; p < scene->n_points; p++) {
+        const cn_point *point = &scene->points[p];
+        for (uint32_t i = 0; point->n_observations > 1 && i < point->n_observations; i++)
+            n_points[scene->observations[(uint64_t)point->first_observation + i].view]++;
+    }
+    for (uint32_t i = 0; i < scene->n_views; i++) {
+        keep[i] = n_points[i] >= FEWEST;
+        n_odd += !keep[i];
+    }
+    return n_odd;
+}
+
+cn_status cn_pose_drop_unsupported(const cn_context *ctx, cn_scene *scene)
+{
+    uint32_t *n_points = malloc((scene->n_views + (size_t)1) * sizeof *n_points), n_odd, n_named = 0;
+    bool *keep = malloc(scene->n_views + (size_t)1);
+    cn_status status =
+        n_points && keep ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory looking for photos without points");
+    /* Those that go take points along, which others may need. */
+    while (status == CN_OK && (n_odd = count_support(scene, n_points, keep)) > 0 && scene->n_views >= n_odd + 2) {
+        for (uint32_t i = 0; ctx && i < scene->n_views; i++)
+            if (!keep[i] && n_named++ < NAMED_AT_MOST)
+                cn_log(ctx, CN_LOG_WARN, "%s gets no pose: only %u sparse points hold the one that was found",
+                       scene->views[i].name, n_points[i]);
+        status = cn_scene_keep_views(scene, keep);
+        if (status == CN_OK) cn_scene_drop_errors(scene, INFINITY);
+    }
+    free(n_points);
     free(keep);
     return status;
 }

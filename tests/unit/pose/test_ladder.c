@@ -17,7 +17,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-enum { N = 4, MANY = 12 };
+enum { N = 4, MANY = 12, MOST_POINTS = 20 };
 static char folder[64], program[96], work[96], logged[8192];
 static cn_photo photos[MANY];
 static cn_photo_index photo_index;
@@ -40,21 +40,29 @@ static int remove_entry(const char *path, const struct stat *info, int kind, str
     return remove(path);
 }
 
-/* FOLDER/NAME: a model of the first n photos, whose one point is off_px from where it was seen. */
-static void make_model(const char *name, uint32_t n, const cn_camera *camera, double off_px)
+/* FOLDER/NAME: a model of the first n photos, whose points are off_px from where they were seen. */
+static void make_points(const char *name, uint32_t n, uint32_t n_points, const cn_camera *camera, double off_px)
 {
     char path[128];
     cn_view views[N];
-    cn_observation seen[N];
+    cn_observation seen[MOST_POINTS * N];
+    cn_point points[MOST_POINTS];
     cn_camera cameras[1] = { *camera };
-    for (uint32_t i = 0; i < n; i++) {
+    for (uint32_t i = 0; i < n; i++)
         views[i] = (cn_view){ .name = photos[i].name, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
-        seen[i] = (cn_observation){ i, (float)(320 + off_px), 240 };
+    for (uint32_t p = 0; p < n_points; p++) {
+        points[p] = (cn_point){ .xyz = { 0, 0, 5 }, .first_observation = p * n, .n_observations = n };
+        for (uint32_t i = 0; i < n; i++)
+            seen[p * n + i] = (cn_observation){ i, (float)(320 + off_px), 240 };
     }
-    cn_point point = { .xyz = { 0, 0, 5 }, .n_observations = n };
-    const cn_scene scene = { cameras, 1, views, n, &point, 1, seen, n };
+    const cn_scene scene = { cameras, 1, views, n, points, n_points, seen, (uint64_t)n_points * n };
     snprintf(path, sizeof path, "%s/%s", folder, name);
     assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+}
+
+static void make_model(const char *name, uint32_t n, const cn_camera *camera, double off_px)
+{
+    make_points(name, n, 1, camera, off_px);
 }
 
 /* The script: `mappers` are cases of $out, the folder that the mapper fills. */
@@ -182,6 +190,7 @@ static void test_second(void **state)
         cn_colmap_result_deinit(&result);
         assert_int_equal(calls("mapper "), 2);
         assert_int_equal(calls("--Mapper.init_max_forward_motion 0.99"), 1);
+        assert_int_equal(calls("--Mapper.min_model_size 3"), 1);
         assert_int_equal(calls("feature_extractor"), 1);
     }
     assert_non_null(strstr(logged, "attempt 1 (COLMAP's defaults): none of 4 photos"));
@@ -215,6 +224,43 @@ static void test_smaller_error(void **state)
     write_program("*sparse) give three;;\n*sparse-2) give three-better;;\n*sparse-3) give three;;\n*) none;;");
     assert_int_equal(run(&result), CN_OK);
     assert_true(ends_with(result.model, "/poses/sparse-2/0"));
+    cn_colmap_result_deinit(&result);
+}
+
+/* Or the one with many more points, whose error is hardly larger. */
+static void test_more_points(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    const cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
+    make_points("three-few", 3, 8, &camera, 0.54);
+    make_points("three-many", 3, MOST_POINTS, &camera, 0.57);
+    write_program("*sparse) give three-few;;\n*sparse-2) give three-many;;\n*sparse-3) give three-few;;\n*) none;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_true(ends_with(result.model, "/poses/sparse-2/0"));
+    cn_colmap_result_deinit(&result);
+}
+
+/* Views that hardly any point holds do not count: the last two see four of the points only. */
+static void test_unsupported(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    cn_scene scene;
+    char path[128];
+    const cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
+    make_points("three-held", 3, MOST_POINTS, &camera, 0.9);
+    make_points("two-held", N, MOST_POINTS, &camera, 0.5);
+    snprintf(path, sizeof path, "%s/two-held", folder);
+    assert_int_equal(cn_scene_read_colmap(&scene, path), CN_OK);
+    for (uint32_t p = 4; p < scene.n_points; p++)
+        scene.points[p].n_observations = 2;
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+    cn_scene_deinit(&scene);
+    write_program("*sparse) give two-held;;\n*sparse-2) give three-held;;\n*) none;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_true(ends_with(result.model, "/poses/sparse-2/0"));
+    assert_non_null(strstr(logged, "attempt 1 (COLMAP's defaults): 2 of 4 photos, 20 sparse points"));
     cn_colmap_result_deinit(&result);
 }
 
@@ -425,9 +471,10 @@ static void test_bad_gps(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_first),       TEST(test_second),        TEST(test_last),    TEST(test_smaller_error),
-        TEST(test_doubtful),    TEST(test_core),          TEST(test_failure), TEST(test_one_attempt),
-        TEST(test_skewed_lens), TEST(test_straight_down), TEST(test_bad_gps),
+        TEST(test_first),       TEST(test_second),      TEST(test_last),        TEST(test_smaller_error),
+        TEST(test_more_points), TEST(test_unsupported), TEST(test_doubtful),    TEST(test_core),
+        TEST(test_failure),     TEST(test_one_attempt), TEST(test_skewed_lens), TEST(test_straight_down),
+        TEST(test_bad_gps),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -121,6 +121,75 @@ static void test_wrong_poses_go(void **state)
     goes(FAR_AWAY, "07.jpg gets no pose: the one that was found has few sparse points (10), far from all other photos");
 }
 
+/* View `view` keeps the first n of its points. The first `alone` points, only views ODD and ODD + 1 see. */
+static void leave_points(cn_scene *scene, uint32_t view, uint32_t n, uint32_t alone)
+{
+    uint64_t kept = 0;
+    for (uint32_t p = 0; p < scene->n_points; p++) {
+        cn_point *point = &scene->points[p];
+        const uint64_t first = kept;
+        for (uint32_t i = 0; i < point->n_observations; i++) {
+            const cn_observation seen = scene->observations[(uint64_t)point->first_observation + i];
+            const bool odd = seen.view == ODD || seen.view == ODD + 1;
+            if ((seen.view != view || p < n) && (odd || p >= alone)) scene->observations[kept++] = seen;
+        }
+        point->first_observation = (uint32_t)first;
+        point->n_observations = (uint32_t)(kept - first);
+    }
+    scene->n_observations = kept;
+}
+
+static void hold(uint32_t n_points, const cn_context *ctx, uint32_t n_left, const char *says)
+{
+    cn_scene scene;
+    make(&scene, NOTHING, 0);
+    leave_points(&scene, ODD, n_points, 0);
+    assert_int_equal(cn_pose_drop_unsupported(ctx, &scene), CN_OK);
+    assert_int_equal(scene.n_views, n_left);
+    assert_int_equal(scene.n_points, POINTS);
+    assert_string_equal(logged, says);
+    cn_scene_deinit(&scene);
+}
+
+static void test_points_hold_a_pose(void **state)
+{
+    (void)state;
+    hold(12, &CONTEXT, VIEWS, "");
+    hold(11, &CONTEXT, VIEWS - 1, "07.jpg gets no pose: only 11 sparse points hold the one that was found\n");
+    hold(0, NULL, VIEWS - 1, "");
+}
+
+/* View 08 has 15 points, 5 of which only 07 sees, too. */
+static void test_what_goes_takes_points_along(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    make(&scene, NOTHING, 0);
+    leave_points(&scene, ODD, 5, 5);
+    leave_points(&scene, ODD + 1, 15, 5);
+    assert_int_equal(cn_pose_drop_unsupported(&CONTEXT, &scene), CN_OK);
+    assert_int_equal(scene.n_views, VIEWS - 2);
+    assert_int_equal(scene.n_points, POINTS - 5);
+    assert_non_null(strstr(logged, "07.jpg gets no pose: only 5 sparse points"));
+    assert_non_null(strstr(logged, "08.jpg gets no pose: only 10 sparse points"));
+    cn_scene_deinit(&scene);
+}
+
+/* Where hardly any pose would be left, it is not known which are wrong. */
+static void test_few_poses_stay(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    make(&scene, NOTHING, 0);
+    for (uint32_t p = SEEN; p < POINTS; p++)
+        scene.points[p].n_observations = 1;
+    assert_int_equal(cn_pose_drop_unsupported(&CONTEXT, &scene), CN_OK);
+    assert_int_equal(scene.n_views, VIEWS);
+    assert_int_equal(scene.n_points, POINTS);
+    assert_string_equal(logged, "");
+    cn_scene_deinit(&scene);
+}
+
 static void test_little_is_left_alone(void **state)
 {
     (void)state;
@@ -142,6 +211,9 @@ int main(void)
         cmocka_unit_test(test_right_poses_stay),
         cmocka_unit_test(test_wrong_poses_go),
         cmocka_unit_test(test_little_is_left_alone),
+        cmocka_unit_test(test_points_hold_a_pose),
+        cmocka_unit_test(test_what_goes_takes_points_along),
+        cmocka_unit_test(test_few_poses_stay),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
