@@ -78,20 +78,34 @@ static void mean_place(const cn_gps_pairs *p, cn_frame *frame)
     frame->height_m = height;
 }
 
-static cn_status to_local(const cn_context *ctx, cn_gps_pairs *p, cn_frame *frame)
+static cn_status fill_targets(cn_gps_pairs *p, const cn_frame *frame)
 {
-    bool found = false;
-    CN_TRY(cn_geoid_heights(CN_GEOID_GRID, p->n, p->latitude, p->longitude, p->geoid, &found));
-    frame->geoid_applied = found && p->has_height;
-    for (uint32_t i = 0; i < p->n && frame->geoid_applied; i++)
-        p->height[i] += p->geoid[i];
-    mean_place(p, frame);
-    frame->georeferenced = true; /* lets the frame convert */
-    if (found) CN_TRY(cn_geo_geoid_height(frame->latitude_deg, frame->longitude_deg, &frame->geoid_height_m, &found));
     for (uint32_t i = 0; i < p->n; i++) {
         const double at[3] = { p->latitude[i], p->longitude[i], p->height[i] };
         CN_TRY(cn_frame_from_geodetic(frame, at, p->target[i]));
     }
+    return CN_OK;
+}
+
+/* EXIF altitudes become ellipsoidal heights, where the grid is installed (*found). */
+static cn_status add_geoid(cn_gps_pairs *p, bool *found)
+{
+    *found = false;
+    CN_TRY(cn_geoid_heights(CN_GEOID_GRID, p->n, p->latitude, p->longitude, p->geoid, found));
+    for (uint32_t i = 0; i < p->n && *found && p->has_height; i++)
+        p->height[i] += p->geoid[i];
+    return CN_OK;
+}
+
+static cn_status to_local(const cn_context *ctx, cn_gps_pairs *p, cn_frame *frame)
+{
+    bool found;
+    CN_TRY(add_geoid(p, &found));
+    frame->geoid_applied = found && p->has_height;
+    mean_place(p, frame);
+    frame->georeferenced = true; /* lets the frame convert */
+    if (found) CN_TRY(cn_geo_geoid_height(frame->latitude_deg, frame->longitude_deg, &frame->geoid_height_m, &found));
+    CN_TRY(fill_targets(p, frame));
     if (!p->has_height)
         cn_log(ctx, CN_LOG_WARN, "the photos have no GPS altitude: heights are relative to the cameras");
     else if (frame->geoid_applied)
@@ -201,21 +215,38 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
     return CN_OK;
 }
 
-cn_status cn_align_count(const cn_scene *scene, const cn_photo_index *index, double max_error_m, uint32_t *n_gps,
-                         uint32_t *n_inliers)
+/* Of the largest error that counts as agreement: scale and north of n photos with a spread of `spread` are known to
+ * about error / (spread sqrt(n)). */
+#define SPREAD_FOR_SCALE 4
+
+static cn_status fit_into(cn_gps_pairs *p, const cn_scene *scene, double max_error_m, const cn_frame *frame,
+                          cn_similarity *s)
 {
-    cn_similarity s;
-    cn_frame frame;
+    bool found;
+    cn_frame own = *frame;
+    double spread[3];
+    if (p->n < FEWEST_GPS) return cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n_all);
+    CN_TRY(add_geoid(p, &found));
+    /* Where this scene's photos or the frame's have no altitude, both are at one height. */
+    if (!p->has_height || frame->height_m == 0.0)
+        for (uint32_t i = 0; i < p->n; i++)
+            p->height[i] = frame->height_m;
+    CN_TRY(fill_targets(p, frame));
+    CN_TRY(cn_align_fit(NULL, scene, p, max_error_m, &own, s));
+    const uint32_t n = cn_similarity_count(p->inlier, p->n);
+    cn_spread(p->n, (const double(*)[3])p->target, p->inlier, spread, NULL);
+    if (2 * n < p->n || spread[2] * sqrt(n) < SPREAD_FOR_SCALE * max_error_m)
+        return cn_fail(CN_ERR_DATA, "the GPS of these %u photos does not tell where they belong", p->n);
+    return CN_OK;
+}
+
+cn_status cn_align_into(const cn_scene *scene, const cn_photo_index *index, double max_error_m, const cn_frame *frame,
+                        cn_similarity *s)
+{
     cn_gps_pairs p;
-    *n_gps = *n_inliers = 0;
-    cn_frame_init(&frame);
     CN_TRY(pairs_init(&p, scene->n_views));
     collect(&p, scene, index);
-    const cn_status status = georeference(NULL, scene, &p, max_error_m, &frame, &s);
-    if (status == CN_OK) {
-        *n_gps = frame.n_gps;
-        *n_inliers = frame.n_inliers;
-    }
+    const cn_status status = fit_into(&p, scene, max_error_m, frame, s);
     pairs_deinit(&p);
-    return status == CN_ERR_DATA ? CN_OK : status;
+    return status;
 }

@@ -3,50 +3,16 @@
 
 #include "pose/align.h"
 #include "pose/colmap.h"
-#include "pose/outlier.h"
 #include "pose/panorama.h"
+#include "pose/parts.h"
+#include "pose/result.h"
 #include "pose/scene.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define NAMED_AT_MOST 10
 #define EVERY_PAIR 60 /* photos of all directions, without GPS, at most of which every pair is matched */
-
-cn_status cn_pose_tie(const cn_context *ctx, cn_scene *scene, const cn_photo_index *index, bool raw_pixels,
-                      const char *where)
-{
-    uint32_t n_lost;
-    CN_TRY(cn_scene_tie(scene, index, &n_lost));
-    bool *keep = malloc(scene->n_views + (size_t)1);
-    if (!keep) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", where);
-    for (uint32_t i = 0, named = 0; i < scene->n_views; i++) {
-        keep[i] = scene->views[i].photo != UINT32_MAX;
-        if (!keep[i] && named++ < NAMED_AT_MOST)
-            cn_log(ctx, CN_LOG_WARN, "%s: photo %s is not in the collection", where, scene->views[i].name);
-    }
-    if (n_lost)
-        cn_log(ctx, CN_LOG_WARN, "%s: %u of %u photos are not in the collection; they are left out", where, n_lost,
-               scene->n_views);
-    cn_status status = cn_scene_fit_photos(ctx, scene, index, raw_pixels, keep);
-    if (status == CN_OK) status = cn_scene_keep_views(scene, keep);
-    free(keep);
-    CN_TRY(status);
-    if (scene->n_views == 0)
-        return cn_fail(CN_ERR_DATA, "%s: none of its photos is in %s; give the folder that it was made for", where,
-                       index->folder);
-    return CN_OK;
-}
-
-static cn_status read_result(const cn_context *ctx, const cn_photo_index *index, const char *model, cn_scene *scene)
-{
-    CN_TRY(cn_scene_read_colmap(scene, model));
-    if (cn_colmap_needs_links(index)) CN_TRY(cn_colmap_restore_names(scene, index));
-    CN_TRY(cn_pose_tie(ctx, scene, index, true, model));
-    CN_TRY(cn_pose_drop_unsupported(ctx, scene));
-    return cn_pose_drop_outliers(ctx, scene);
-}
 
 bool cn_pose_has_focal(const cn_photo_index *index)
 {
@@ -57,7 +23,7 @@ bool cn_pose_has_focal(const cn_photo_index *index)
 
 static cn_status read_aligned(const cn_colmap_task *task, const char *model, cn_scene *scene, cn_frame *frame)
 {
-    CN_TRY(read_result(task->ctx, task->index, model, scene));
+    CN_TRY(cn_pose_read_result(task->ctx, task->index, model, scene));
     return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
 }
 
@@ -82,7 +48,7 @@ static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_
         cn_log(task->ctx, CN_LOG_INFO, "%u of %u photos show all directions: COLMAP poses %u views of each",
                cut.n_panoramas, task->index->n_photos, CN_PANORAMA_VIEWS);
         status = cn_colmap_poses(&pass, &result);
-        if (status == CN_OK) status = read_result(task->ctx, &cut.index, result.model, &pieces);
+        if (status == CN_OK) status = cn_pose_read_result(task->ctx, &cut.index, result.model, &pieces);
         if (status == CN_OK) status = cn_panorama_join(task->ctx, &cut, task->index, &pieces, scene);
     }
     *n_models = result.n_models;
@@ -96,6 +62,24 @@ static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_
     cn_panorama_cut_deinit(&cut);
     CN_TRY(status);
     return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
+}
+
+/* Adds the parts that GPS places, each of which COLMAP made a model of. */
+static cn_status add_parts(const cn_colmap_task *task, const char *folder, cn_scene *scene, const cn_frame *frame,
+                           uint32_t *n_models)
+{
+    cn_parts parts;
+    CN_TRY(cn_parts_find(task, folder, scene, frame, &parts));
+    cn_status status = CN_OK;
+    for (uint32_t i = 0; i < parts.n && status == CN_OK; i++)
+        status = cn_scene_append(scene, &parts.scenes[i]);
+    if (parts.n && status == CN_OK)
+        cn_log(task->ctx, CN_LOG_INFO,
+               "%u photos in %u %s that share no matches with the others are placed by their GPS", parts.n_views,
+               parts.n, parts.n == 1 ? "part" : "parts");
+    *n_models -= parts.n;
+    cn_parts_deinit(&parts);
+    return status;
 }
 
 /* Photos that look straight down on flat ground also fit a longer lens from higher up: then use the focal length of
@@ -123,6 +107,7 @@ cn_status cn_pose_from_photos(const cn_colmap_task *task, cn_scene *scene, cn_fr
         status = cn_colmap_settle(&pass, &result);
         if (status == CN_OK) status = read_aligned(&pass, result.model, scene, frame);
     }
+    if (status == CN_OK) status = add_parts(&pass, result.folder, scene, frame, n_models);
     cn_colmap_result_deinit(&result);
     return status;
 }

@@ -9,6 +9,7 @@
 #include "pose/colmap.h"
 #include "pose/mapping.h"
 #include "pose/outlier.h"
+#include "pose/parts.h"
 #include "pose/retrieval.h"
 #include "pose/scene.h"
 #include "pose/similarity.h"
@@ -159,8 +160,8 @@ static bool is_enough(const cn_colmap_task *task, const kept *found, const cn_ru
     uint32_t n_core = 0;
     for (uint32_t i = 0; i < n; i++)
         n_core += !task->core || task->core[i];
-    const bool posed =
-        best->n_core >= enough * n_core && best->n_photos - best->n_core >= fmin(enough, ENOUGH_SHARED) * (n - n_core);
+    const bool posed = best->n_core >= enough * n_core &&
+                       best->n_photos + best->n_elsewhere - best->n_core >= fmin(enough, ENOUGH_SHARED) * (n - n_core);
     if (!next->new_features)
         return posed && best->error_px <= DOUBTFUL_PX &&
                (found->confirmed || !cn_align_is_doubtful(best->n_gps, best->n_agree));
@@ -172,26 +173,42 @@ static bool is_enough(const cn_colmap_task *task, const kept *found, const cn_ru
 static bool is_better(const cn_mapped *a, const cn_mapped *b)
 {
     if (!a->model || !b->model) return a->model != NULL;
-    if (a->n_photos != b->n_photos) return a->n_photos > b->n_photos;
+    const uint32_t n_a = a->n_photos + a->n_elsewhere, n_b = b->n_photos + b->n_elsewhere;
+    if (n_a != n_b) return n_a > n_b;
     if (cn_align_is_clearly_better(a->n_gps, b->n_agree, a->n_agree)) return true;
     if (cn_align_is_clearly_better(a->n_gps, a->n_agree, b->n_agree)) return false;
     return a->n_points * b->error_px > b->n_points * a->error_px;
 }
 
-/* Counts the photos of the core, and those whose GPS agrees with the model. */
+static cn_status count_in(const cn_colmap_task *task, cn_scene *scene, cn_mapped *got)
+{
+    uint32_t n_lost;
+    cn_frame frame;
+    cn_parts parts;
+    if (cn_colmap_needs_links(task->index)) CN_TRY(cn_colmap_restore_names(scene, task->index));
+    CN_TRY(cn_scene_tie(scene, task->index, &n_lost));
+    CN_TRY(cn_pose_drop_unsupported(NULL, scene));
+    CN_TRY(cn_align(NULL, scene, task->index, task->options->max_error_m, CN_LEVEL_NEVER, &frame));
+    if (frame.georeferenced) {
+        got->n_gps = frame.n_gps;
+        got->n_agree = frame.n_inliers;
+    }
+    CN_TRY(cn_parts_find(task, got->folder, scene, &frame, &parts));
+    got->n_elsewhere = parts.n_views;
+    cn_parts_deinit(&parts);
+    got->n_core = got->n_elsewhere;
+    for (uint32_t v = 0; v < scene->n_views; v++)
+        got->n_core += !task->core || (scene->views[v].photo != UINT32_MAX && task->core[scene->views[v].photo]);
+    return CN_OK;
+}
+
+/* Counts the photos of the core, those whose GPS agrees with the model, and those of other models. */
 static cn_status count_photos(const cn_colmap_task *task, cn_mapped *got)
 {
     cn_scene scene;
-    uint32_t n_lost;
     if (!got->model) return CN_OK;
     CN_TRY(cn_scene_read_colmap(&scene, got->model));
-    cn_status status = cn_colmap_needs_links(task->index) ? cn_colmap_restore_names(&scene, task->index) : CN_OK;
-    if (status == CN_OK) status = cn_scene_tie(&scene, task->index, &n_lost);
-    if (status == CN_OK) status = cn_pose_drop_unsupported(NULL, &scene);
-    if (status == CN_OK)
-        status = cn_align_count(&scene, task->index, task->options->max_error_m, &got->n_gps, &got->n_agree);
-    for (uint32_t v = 0; status == CN_OK && v < scene.n_views; v++)
-        got->n_core += !task->core || (scene.views[v].photo != UINT32_MAX && task->core[scene.views[v].photo]);
+    const cn_status status = count_in(task, &scene, got);
     cn_scene_deinit(&scene);
     return status;
 }
@@ -199,11 +216,12 @@ static cn_status count_photos(const cn_colmap_task *task, cn_mapped *got)
 static void tell(const cn_colmap_task *task, const cn_rung *rung, const cn_mapped *got, double seconds)
 {
     const uint32_t n = task->index->n_photos;
-    char gps[64] = "";
+    char gps[64] = "", more[64] = "";
     if (got->n_gps) snprintf(gps, sizeof gps, ", %u of %u agree with their GPS", got->n_agree, got->n_gps);
+    if (got->n_elsewhere) snprintf(more, sizeof more, ", %u more elsewhere by GPS", got->n_elsewhere);
     if (got->model)
-        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): %u of %u photos, %u sparse points, %.2f px%s, %.0f s",
-               got->attempt, rung->name, got->n_photos, n, got->n_points, got->error_px, gps, seconds);
+        cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): %u of %u photos, %u sparse points, %.2f px%s%s, %.0f s",
+               got->attempt, rung->name, got->n_photos, n, got->n_points, got->error_px, gps, more, seconds);
     else
         cn_log(task->ctx, CN_LOG_INFO, "attempt %u (%s): none of %u photos, %.0f s", got->attempt, rung->name, n,
                seconds);
@@ -213,13 +231,13 @@ static void tell(const cn_colmap_task *task, const cn_rung *rung, const cn_mappe
 static void take(kept *best, const cn_rung *rung, cn_mapped *got, char *database)
 {
     if (is_better(got, &best->mapped)) {
-        free(best->mapped.model);
+        cn_mapped_deinit(&best->mapped);
         free(best->database);
         best->mapped = *got;
         best->database = database;
         best->rung = rung;
     } else {
-        free(got->model);
+        cn_mapped_deinit(got);
         free(database);
     }
 }
@@ -283,7 +301,7 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, const
     got.attempt = best->n_attempts + 1;
     if (status == CN_OK) status = count_photos(task, &got);
     if (status != CN_OK) {
-        free(got.model);
+        cn_mapped_deinit(&got);
         free(from);
         return status;
     }
@@ -296,13 +314,13 @@ static cn_status attempt(const cn_colmap_task *task, cn_colmap_job *first, const
     if (best->mapped.model && got.model && cn_align_is_doubtful(best->mapped.n_gps, best->mapped.n_agree))
         status = confirm(task, got.model, best);
     if (status != CN_OK) {
-        free(got.model);
+        cn_mapped_deinit(&got);
         free(from);
         return status;
     }
     if (!from) from = strdup(first->database);
     if (!from) {
-        free(got.model);
+        cn_mapped_deinit(&got);
         return cn_fail(CN_ERR_NOMEM, "out of memory");
     }
     take(best, rung, &got, from);
@@ -373,6 +391,7 @@ cn_status cn_colmap_settle(const cn_colmap_task *task, cn_colmap_result *result)
 void cn_colmap_result_deinit(cn_colmap_result *result)
 {
     free(result->model);
+    free(result->folder);
     free(result->database);
     memset(result, 0, sizeof *result);
 }
@@ -386,6 +405,7 @@ cn_status cn_colmap_poses(const cn_colmap_task *task, cn_colmap_result *result)
     const cn_status status = climb(task, &first, &best);
     job_deinit(&first);
     result->model = best.mapped.model;
+    result->folder = best.mapped.folder;
     result->database = best.database;
     result->n_models = best.mapped.n_models;
     if (status != CN_OK) cn_colmap_result_deinit(result);

@@ -220,7 +220,10 @@ static cn_status stage_mapping(cn_colmap_job *j, const cn_mapping *how, cn_mappe
         j->stage = "mapping";
     }
     free(stage);
-    free(sparse);
+    if (status == CN_OK && out->model)
+        out->folder = sparse;
+    else
+        free(sparse);
     return status;
 }
 
@@ -452,6 +455,13 @@ static double most_skewed(const cn_scene *scene, cn_lens_view *lens)
     return most;
 }
 
+void cn_mapped_deinit(cn_mapped *mapped)
+{
+    free(mapped->model);
+    free(mapped->folder);
+    *mapped = (cn_mapped){ 0 };
+}
+
 static cn_status measure(cn_mapped *out, double *skewed, cn_lens_view *lens)
 {
     cn_scene scene;
@@ -484,8 +494,6 @@ cn_status cn_colmap_map(cn_colmap_job *j, const cn_mapping *how, cn_mapped *out)
 {
     memset(out, 0, sizeof *out);
     const cn_status status = map_and_adjust(j, how, out);
-    if (status == CN_OK) return status;
-    free(out->model);
-    out->model = NULL;
+    if (status != CN_OK) cn_mapped_deinit(out);
     return status;
 }

@@ -10,13 +10,16 @@ typedef struct cn_mapping {
     cn_global_way global; /* all photos at once, by Conurb's mapper or by COLMAP's; NONE: one after the other */
 } cn_mapping;
 typedef struct cn_mapped {
-    char *model; /* folder of the largest model; NULL: COLMAP finds no poses. The caller frees it. */
+    char *model;  /* folder of the largest model; NULL: COLMAP finds no poses */
+    char *folder; /* of all models that COLMAP made; NULL: none */
     uint32_t n_models, n_photos, n_points;
+    uint32_t n_elsewhere;    /* photos of other models that GPS places */
     uint32_t attempt;        /* that found it, from 1 */
     uint32_t n_gps, n_agree; /* photos of the model with GPS, and those of them that agree with it */
     uint32_t n_core;         /* photos of the model that are in the core of the group */
     double error_px;
 } cn_mapped;
+void cn_mapped_deinit(cn_mapped *mapped);
 
 /* Maps the job's matches in the way of the job, into a folder of its own, unless that is done already. A model whose
  * focal lengths across and down differ more than those of real lenses is adjusted with one focal length. */

@@ -43,27 +43,6 @@ typedef struct placing {
 
 /* ---- Pairs of models ---- */
 
-static double median_depth(const cn_scene *scene)
-{
-    double found[SAMPLES];
-    size_t n = 0;
-    const uint64_t step = scene->n_points / SAMPLES + 1;
-    for (uint64_t i = 0; i < scene->n_points && n < SAMPLES; i += step) {
-        const cn_point *point = &scene->points[i];
-        double centre[3];
-        if (!point->n_observations) continue;
-        cn_view_centre(&scene->views[scene->observations[point->first_observation].view], centre);
-        found[n++] = cn_distance3(centre, point->xyz);
-    }
-    for (uint32_t i = 1; i < scene->n_views && !scene->n_points && n < SAMPLES; i++) {
-        double a[3], b[3];
-        cn_view_centre(&scene->views[0], a);
-        cn_view_centre(&scene->views[i], b);
-        found[n++] = cn_distance3(a, b);
-    }
-    return n ? cn_select(found, n, n / 2) : 1.0;
-}
-
 /* How much longer lengths are in b: distances from a shared camera to the points that both see; without points, between
  * shared cameras. */
 static double relative_scale(const placing *p, const cn_group_link *link)
@@ -335,30 +314,12 @@ static cn_status priors_of(const placing *p, const cn_scene *views, const cn_fra
 static cn_status place_by_gps(placing *p, uint32_t part, const cn_frame *frame)
 {
     cn_scene views;
-    cn_place_prior *priors = NULL;
     cn_similarity s;
-    uint32_t n = 0;
     CN_TRY(views_of(p, part, &views));
-    double(*source)[3] = malloc(2 * (views.n_views + (size_t)1) * sizeof *source),
-    (*target)[3] = source + views.n_views + 1;
-    cn_status status = source ? priors_of(p, &views, frame, &priors) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; i < views.n_views && status == CN_OK; i++) {
-        if (!(priors[i].sigma[0] > 0)) continue;
-        cn_view_centre(&views.views[i], source[n]);
-        memcpy(target[n++], priors[i].place, sizeof target[n]);
-    }
-    if (status == CN_OK) {
-        const cn_similarity_task task = {
-            n,   (const double(*)[3])source, (const double(*)[3])target, p->task->options->max_error_m, VERTICAL_WEIGHT,
-            SEED
-        };
-        status = cn_pose_fit_similarity(&task, &s, NULL);
-        if (status == CN_OK) place_part(p, part, &s);
-        if (status == CN_ERR_DATA) status = CN_OK; /* it stays apart */
-    }
+    cn_status status = cn_align_into(&views, p->task->index, p->task->options->max_error_m, frame, &s);
+    if (status == CN_OK) place_part(p, part, &s);
+    if (status == CN_ERR_DATA) status = CN_OK; /* it stays apart */
     free(views.views);
-    free(priors);
-    free(source);
     return status;
 }
 
@@ -527,7 +488,7 @@ static cn_status tie_all(placing *p)
     if (!p->depth || !p->part || !p->tied || !p->ties) return cn_fail(CN_ERR_NOMEM, "out of memory tying groups");
     for (uint32_t i = 0; i < n; i++) {
         const bool there = p->task->models[i].n_views > 0;
-        p->depth[i] = there ? median_depth(&p->task->models[i]) : 1.0;
+        p->depth[i] = there ? cn_scene_median_depth(&p->task->models[i]) : 1.0;
         p->part[i] = there ? i : UINT32_MAX;
         p->places[i] = (cn_group_place){ .to_world = { .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } } };
     }

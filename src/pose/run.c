@@ -10,6 +10,7 @@
 #include "pose/lens.h"
 #include "pose/outlier.h"
 #include "pose/quality.h"
+#include "pose/result.h"
 #include "pose/scene.h"
 
 #include <errno.h>

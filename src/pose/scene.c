@@ -216,3 +216,68 @@ cn_status cn_scene_tie(cn_scene *scene, const cn_photo_index *index, uint32_t *n
     cn_photo_finder_deinit(&finder);
     return CN_OK;
 }
+
+enum { DEPTHS = 512 };
+double cn_scene_median_depth(const cn_scene *scene)
+{
+    double found[DEPTHS];
+    size_t n = 0;
+    const uint64_t step = scene->n_points / DEPTHS + 1;
+    for (uint64_t i = 0; i < scene->n_points && n < DEPTHS; i += step) {
+        const cn_point *point = &scene->points[i];
+        double centre[3];
+        if (!point->n_observations) continue;
+        cn_view_centre(&scene->views[scene->observations[point->first_observation].view], centre);
+        found[n++] = cn_distance3(centre, point->xyz);
+    }
+    for (uint32_t i = 1; i < scene->n_views && !scene->n_points && n < DEPTHS; i++) {
+        double a[3], b[3];
+        cn_view_centre(&scene->views[0], a);
+        cn_view_centre(&scene->views[i], b);
+        found[n++] = cn_distance3(a, b);
+    }
+    return n ? cn_select(found, n, n / 2) : 1.0;
+}
+
+/* *items gets room for n more of n_items; false: out of memory, and it is as it was. */
+static bool grow(void *items, uint64_t n_items, uint64_t n, size_t size)
+{
+    void **array = items, *larger = realloc(*array, (n_items + n + 1) * size);
+    if (larger) *array = larger;
+    return larger != NULL;
+}
+
+cn_status cn_scene_append(cn_scene *scene, const cn_scene *other)
+{
+    if (!grow(&scene->cameras, scene->n_cameras, other->n_cameras, sizeof *scene->cameras) ||
+        !grow(&scene->views, scene->n_views, other->n_views, sizeof *scene->views) ||
+        !grow(&scene->points, scene->n_points, other->n_points, sizeof *scene->points) ||
+        !grow(&scene->observations, scene->n_observations, other->n_observations, sizeof *scene->observations))
+        return cn_fail(CN_ERR_NOMEM, "out of memory for %u photos more", other->n_views);
+    for (uint32_t i = 0; i < other->n_views; i++) {
+        cn_view *view = &scene->views[scene->n_views + i];
+        *view = other->views[i];
+        view->camera += scene->n_cameras;
+        view->name = strdup(other->views[i].name);
+        if (view->name) continue;
+        while (i--)
+            free(scene->views[scene->n_views + i].name);
+        return cn_fail(CN_ERR_NOMEM, "out of memory for %u photos more", other->n_views);
+    }
+    for (uint32_t i = 0; i < other->n_points; i++) {
+        cn_point *point = &scene->points[scene->n_points + i];
+        *point = other->points[i];
+        point->first_observation += (uint32_t)scene->n_observations;
+    }
+    for (uint64_t i = 0; i < other->n_observations; i++) {
+        cn_observation *seen = &scene->observations[scene->n_observations + i];
+        *seen = other->observations[i];
+        seen->view += scene->n_views;
+    }
+    memcpy(scene->cameras + scene->n_cameras, other->cameras, other->n_cameras * sizeof *scene->cameras);
+    scene->n_cameras += other->n_cameras;
+    scene->n_views += other->n_views;
+    scene->n_points += other->n_points;
+    scene->n_observations += other->n_observations;
+    return cn_scene_sort_views(scene);
+}

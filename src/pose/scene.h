@@ -43,6 +43,12 @@ CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
 CN_NODISCARD cn_status cn_scene_keep_views(cn_scene *scene, const bool *keep);
 /* local = scale * rotation * source + translation, for views and points. */
 void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9], const double translation[3]);
+/* Adds a copy of the other scene, which shares no photo with it and is in the same frame. CN_ERR_NOMEM: the scene is as
+ * it was. */
+CN_NODISCARD cn_status cn_scene_append(cn_scene *scene, const cn_scene *other);
+/* The median distance from cameras to points that they see, by a few hundred points; without points, between cameras;
+ * 1 without these. */
+double cn_scene_median_depth(const cn_scene *scene);
 /* How far a point's projection is from where the view saw it, pixels. False when the view cannot see the point; some
  * models have such observations. */
 bool cn_scene_error(const cn_scene *scene, const cn_point *point, const cn_observation *seen, double *error_px);
