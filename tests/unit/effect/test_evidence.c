@@ -28,6 +28,29 @@ static void test_transient(void **state)
     assert_true(fabs(statue) < 0.01 || isnan(statue));
 }
 
+/* Photos by many cameras have more evidence, if they are many. Those of a camera that is turned are by one. */
+static void test_strangers(void **state)
+{
+    (void)state;
+    static wall w;
+    wall_init(&w, PASSING, NO_SKY);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    const cn_effect *effect = cn_effect_find("transient");
+    assert_non_null(effect);
+    const double seen = cn_tracks_transient(&input, &w.tile);
+    for (unsigned i = 1; i < VIEWS; i += 2) {
+        w.index.photos[i].width = HEIGHT;
+        w.index.photos[i].height = WIDTH;
+    }
+    assert_true(fabs(effect->evidence(&input, &w.tile) - seen) < 1e-12);
+    for (unsigned i = 0; i < VIEWS / 4; i++)
+        w.index.photos[i].width = 200 + i;
+    assert_true(fabs(effect->evidence(&input, &w.tile) - seen - 0.02) < 1e-12);
+    w.tile.n_photos = 19;
+    assert_true(fabs(effect->evidence(&input, &w.tile) - cn_tracks_transient(&input, &w.tile)) < 1e-12);
+    wall_deinit(&w);
+}
+
 /* On for few photos, off for many, unknown without sparse points. */
 static void test_stereo_depth(void **state)
 {
@@ -195,10 +218,12 @@ static void test_local_light(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_transient),   cmocka_unit_test(test_stereo_depth),
-        cmocka_unit_test(test_vignetting),  cmocka_unit_test(test_vignetting_of_two_cameras),
-        cmocka_unit_test(test_local_light), cmocka_unit_test(test_colour_of_a_patch)
-    };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_transient),
+                                        cmocka_unit_test(test_strangers),
+                                        cmocka_unit_test(test_stereo_depth),
+                                        cmocka_unit_test(test_vignetting),
+                                        cmocka_unit_test(test_vignetting_of_two_cameras),
+                                        cmocka_unit_test(test_local_light),
+                                        cmocka_unit_test(test_colour_of_a_patch) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
