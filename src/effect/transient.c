@@ -27,7 +27,7 @@
  *
  * Evidence: the share of places where a tracked point should be seen but is not tracked, and whose colour no gain
  * explains; less what that share has by chance, and less that share where the point is tracked (tracks.h). Photos by
- * many strangers have 0.02 more. */
+ * many strangers have 0.03 more. */
 #include "effect/display.h"
 #include "effect/effect.h"
 #include "effect/head.h"
@@ -90,11 +90,11 @@ static float d_sigma_raw(float raw, float d_sigma)
 }
 
 /* Photos by many cameras are those of strangers, on days of their own, and people stand on lawns and squares where no
- * tracked point is. reichstag (74 photos, 68 sizes) has evidence of 0.014 and 0.017; transients give it 19.8 -> 20.0 dB
+ * tracked point is. reichstag (74 photos, 68 sizes) has evidence of 0.011 and 0.017; transients give it 19.8 -> 20.0 dB
  * of half photos and SSIM 0.719 -> 0.730, and take the people and smears off its lawn. Photos by one camera stand at
  * 0.014, too. Of few photos, the layer takes what only one photo shows: sacre-coeur (8 photos, 8 sizes) loses 1 dB.
  * Found on these two. */
-#define STRANGERS 0.02
+#define STRANGERS 0.03
 enum { ENOUGH_PHOTOS = 20, PHOTOS_A_CAMERA = 4 };
 
 static bool is_of_same_camera(const cn_photo *a, const cn_photo *b)
