@@ -1,8 +1,11 @@
 /* The default flight: a uniform cubic B-spline over some of the scene's views. A B-spline never leaves the convex hull
  * of its control points, which a Catmull-Rom spline does at sharp turns, and there the photos show nothing. It is also
- * smooth when the views are not. Where a house stands between two views, more control points lead round it. */
+ * smooth when the views are not. Where a house stands between two views, more control points lead round it. Parts of a
+ * city whose photos share no sparse point are flown one after the other, with a cut between them: nothing is known of
+ * the places between. */
 #include "path/path.h"
 
+#include "base/disjoint.h"
 #include "base/units.h"
 #include "math/linalg.h"
 #include "path/free_space.h"
@@ -22,6 +25,8 @@
 
 typedef struct control {
     double centre[3], quat[4];
+    uint32_t part;    /* of the city: a view of it */
+    bool shares_none; /* points with another view */
 } control;
 
 typedef struct spline {
@@ -63,31 +68,103 @@ static void order_by_nearest(spline *s)
     }
 }
 
+/* Without the steps from part to part. */
 static double tour_length(const spline *s)
 {
     double length = 0;
     for (uint32_t i = 0; i + 1 < s->n; i++)
-        length += cn_distance3(s->controls[i].centre, s->controls[i + 1].centre);
+        if (s->controls[i].part == s->controls[i + 1].part)
+            length += cn_distance3(s->controls[i].centre, s->controls[i + 1].centre);
     return length;
+}
+
+enum { ANY_PART = UINT32_MAX };
+
+/* part[i]: the same for views that share points, be it by way of other views. ANY_PART: the view shares none. */
+static cn_status find_parts(const cn_scene *scene, uint32_t **part)
+{
+    *part = malloc((scene->n_views + (size_t)1) * sizeof **part);
+    if (!*part) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+    bool *shares = calloc(scene->n_views + (size_t)1, sizeof *shares);
+    if (!shares) {
+        free(*part);
+        return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+    }
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        (*part)[i] = i;
+    for (uint32_t p = 0; p < scene->n_points; p++) {
+        const cn_observation *seen = scene->observations + scene->points[p].first_observation;
+        for (uint32_t i = 1; i < scene->points[p].n_observations; i++) {
+            (*part)[cn_root_of(*part, seen[i].view)] = cn_root_of(*part, seen[0].view);
+            shares[seen[i].view] = shares[seen[0].view] = true;
+        }
+    }
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        (*part)[i] = cn_root_of(*part, i);
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        if (!shares[i]) (*part)[i] = ANY_PART;
+    free(shares);
+    return CN_OK;
+}
+
+/* Those of any part are of that of the nearest control that has one. */
+static void settle_parts(spline *s)
+{
+    for (uint32_t i = 0; i < s->n; i++) {
+        double nearest = INFINITY;
+        if (!s->controls[i].shares_none) continue;
+        for (uint32_t k = 0; k < s->n; k++) {
+            const control *other = &s->controls[k];
+            const double distance = cn_distance3(s->controls[i].centre, other->centre);
+            if (other->shares_none || distance >= nearest) continue;
+            nearest = distance;
+            s->controls[i].part = other->part;
+        }
+    }
+}
+
+/* Brings the controls of each part together, in the order in which the parts come first. */
+static void order_by_part(spline *s)
+{
+    for (uint32_t i = 1; i < s->n; i++) {
+        uint32_t last = s->n; /* of the controls before i, the last one of its part */
+        for (uint32_t k = 0; k < i; k++)
+            if (s->controls[k].part == s->controls[i].part) last = k;
+        if (last == s->n) continue;
+        const control moved = s->controls[i];
+        memmove(&s->controls[last + 2], &s->controls[last + 1], (i - last - 1) * sizeof moved);
+        s->controls[last + 1] = moved;
+    }
 }
 
 /* controls: room for MAX_VIEWS. */
 static cn_status choose_views(const cn_scene *scene, spline *s)
 {
     control nearest[MAX_VIEWS];
+    uint32_t *part;
+    CN_TRY(find_parts(scene, &part));
     uint32_t *order = cn_path_by_name(scene);
-    if (!order) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+    if (!order) {
+        free(part);
+        return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+    }
     s->n = scene->n_views < MAX_VIEWS ? scene->n_views : MAX_VIEWS;
     for (uint32_t i = 0; i < s->n; i++) {
         const uint32_t view = order[s->n > 1 ? (uint64_t)i * (scene->n_views - 1) / (s->n - 1) : 0];
         cn_view_centre(&scene->views[view], s->controls[i].centre);
         cn_path_rotation(scene, view, s->controls[i].quat);
+        s->controls[i].part = part[view];
+        s->controls[i].shares_none = part[view] == ANY_PART;
     }
     free(order);
+    free(part);
+    settle_parts(s);
+    order_by_part(s);
     /* Names of photos by different people have no order: then fly from each view to the nearest one left. */
     spline by_nearest = { nearest, s->n };
     memcpy(nearest, s->controls, s->n * sizeof *nearest);
     order_by_nearest(&by_nearest);
+    order_by_part(&by_nearest);
     if (tour_length(s) > 1.6 * tour_length(&by_nearest)) memcpy(s->controls, nearest, s->n * sizeof *nearest);
     for (uint32_t i = 1; i < s->n; i++) {
         /* q and -q are the same rotation; choose signs so that neighbours do not cancel in the mean */
@@ -137,7 +214,7 @@ static bool append(spline *s, control c)
 
 static control between(const control *a, const control *b, double t)
 {
-    control c;
+    control c = *a;
     for (int k = 0; k < 3; k++)
         c.centre[k] = a->centre[k] + t * (b->centre[k] - a->centre[k]);
     for (int k = 0; k < 4; k++)
@@ -236,28 +313,68 @@ static uint32_t measure(const spline *s, double *length)
     return n;
 }
 
-static cn_status fly(cn_path *path, const spline *s, double vfov_deg, uint32_t width, uint32_t height)
+/* The flight over one part, and lengths along it. */
+typedef struct piece {
+    spline spline;
+    double *length;
+    uint32_t n; /* of its steps */
+} piece;
+
+static void pieces_deinit(piece *pieces)
 {
-    double *length = malloc(((s->n + 1) * (size_t)STEPS_PER_SEGMENT + 1) * sizeof *length), quat[4];
-    cn_status status = length ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
-    if (status != CN_OK) return status;
-    cn_path_shot shot = { .vfov_deg = vfov_deg, .width = width, .height = height };
-    uint32_t n = measure(s, length), step = 0;
-    for (uint32_t f = 0; status == CN_OK && f < path->n_frames; f++) {
-        double part = path->n_frames > 1 ? (double)f / (path->n_frames - 1) : 0, want = part * length[n], u = part * n;
-        if (length[n] > 0) {
-            while (step + 1 < n && length[step + 1] < want)
+    for (uint32_t i = 0; i < MAX_VIEWS; i++) {
+        free(pieces[i].spline.controls);
+        free(pieces[i].length);
+    }
+}
+
+/* views: in the order of their parts. pieces: room for MAX_VIEWS, zeroed; the caller frees them, also on failure. */
+static cn_status make_pieces(const cn_free_space *space, const spline *views, piece *pieces, uint32_t *n)
+{
+    *n = 0;
+    for (uint32_t i = 0, end; i < views->n; i = end) {
+        piece *made = &pieces[(*n)++];
+        for (end = i + 1; end < views->n && views->controls[end].part == views->controls[i].part;)
+            end++;
+        const spline part = { views->controls + i, end - i };
+        CN_TRY(avoid(space, &part, &made->spline));
+        CN_TRY(follow_closely(space, &made->spline));
+        made->length = malloc(((made->spline.n + 1) * (size_t)STEPS_PER_SEGMENT + 1) * sizeof *made->length);
+        if (!made->length) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+        made->n = measure(&made->spline, made->length);
+    }
+    return CN_OK;
+}
+
+/* Frames evenly along the pieces, one piece after the other. */
+static cn_status fly(cn_path *path, const piece *pieces, uint32_t n_pieces, cn_path_shot shot)
+{
+    double total = 0, passed = 0, quat[4];
+    for (uint32_t i = 0; i < n_pieces; i++)
+        total += pieces[i].length[pieces[i].n];
+    uint32_t at = 0, step = 0;
+    for (uint32_t f = 0; f < path->n_frames; f++) {
+        const double part = path->n_frames > 1 ? (double)f / (path->n_frames - 1) : 0;
+        while (at + 1 < n_pieces && part * total > passed + pieces[at].length[pieces[at].n]) {
+            passed += pieces[at].length[pieces[at].n];
+            at++;
+            step = 0;
+        }
+        const piece *here = &pieces[at];
+        const double *length = here->length, want = part * total - passed;
+        double u = part * here->n;
+        if (length[here->n] > 0) {
+            while (step + 1 < here->n && length[step + 1] < want)
                 step++;
-            double gap = length[step + 1] - length[step];
+            const double gap = length[step + 1] - length[step];
             u = step + (gap > 0 ? fmin((want - length[step]) / gap, 1) : 0);
         }
-        evaluate(s, u / STEPS_PER_SEGMENT, shot.centre, quat);
+        evaluate(&here->spline, u / STEPS_PER_SEGMENT, shot.centre, quat);
         cn_quat_to_mat3(quat, shot.cam_from_world);
         shot.time_s = f / path->fps;
-        status = cn_path_place(path, f, &shot);
+        CN_TRY(cn_path_place(path, f, &shot));
     }
-    free(length);
-    return status;
+    return CN_OK;
 }
 
 cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width, uint32_t height)
@@ -269,17 +386,19 @@ cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frame
         return cn_fail(CN_ERR_DATA, "no default flight: no photo has a pose; run `conurb poses` first");
     double vfov_deg = 0;
     control chosen[MAX_VIEWS];
-    spline views = { .controls = chosen }, s = { 0 };
+    spline views = { .controls = chosen };
+    piece pieces[MAX_VIEWS] = { 0 };
+    uint32_t n_pieces = 0;
     cn_free_space space;
     CN_TRY(median_vfov(scene, &vfov_deg));
     CN_TRY(choose_views(scene, &views));
     CN_TRY(cn_free_space_carve(&space, scene));
-    cn_status status = avoid(&space, &views, &s);
-    if (status == CN_OK) status = follow_closely(&space, &s);
+    cn_status status = make_pieces(&space, &views, pieces, &n_pieces);
     if (status == CN_OK) status = cn_path_allocate(path, n_frames, 24);
-    if (status == CN_OK) status = fly(path, &s, vfov_deg, width, height);
+    if (status == CN_OK)
+        status = fly(path, pieces, n_pieces, (cn_path_shot){ .vfov_deg = vfov_deg, .width = width, .height = height });
     if (status != CN_OK) cn_path_deinit(path);
-    free(s.controls);
+    pieces_deinit(pieces);
     cn_free_space_deinit(&space);
     return status;
 }

@@ -98,6 +98,45 @@ static void two_views_give_a_straight_even_line(void **state)
     cn_path_deinit(&path);
 }
 
+/* Two rows of views that share no point, in turn by name, and one view in between that shares none at all. The flight
+ * goes along one row, then along the other, and not from one to the other. */
+static void parts_are_flown_one_after_the_other(void **state)
+{
+    (void)state;
+    enum { N = 21, LONELY = 8 };
+    synthetic m;
+    cn_point points[2];
+    cn_observation seen[N];
+    cn_path path;
+    make(&m, N);
+    for (uint32_t i = 0; i < N; i++)
+        place(&m.views[i], i / 2, i % 2 ? 1000 : 0, 10, false);
+    m.scene.points = points;
+    m.scene.observations = seen;
+    for (uint32_t row = 0; row < 2; row++) {
+        points[row] =
+            (cn_point){ .xyz = { 5, 1000.0 * row, 0 }, .first_observation = (uint32_t)m.scene.n_observations };
+        for (uint32_t i = row; i < N; i += 2)
+            if (i != LONELY) seen[m.scene.n_observations++] = (cn_observation){ i, 200, 100 };
+        points[row].n_observations = (uint32_t)m.scene.n_observations - points[row].first_observation;
+    }
+    m.scene.n_points = 2;
+    assert_int_equal(cn_path_default(&path, &m.scene, 100, 64, 32), CN_OK);
+    double before[3], c[3];
+    uint32_t n_cuts = 0;
+    cn_view_centre(&path.frames[0].view, before);
+    for (uint32_t i = 0; i < 100; i++, memcpy(before, c, sizeof c)) {
+        cn_view_centre(&path.frames[i].view, c);
+        assert_true(fabs(c[1]) < 1e-6 || fabs(c[1] - 1000) < 1e-6);
+        const bool cut = cn_distance3(before, c) > 500;
+        assert_true(cut || cn_distance3(before, c) < 0.5);
+        n_cuts += cut;
+    }
+    assert_int_equal(n_cuts, 1);
+    assert_near(before[0], 9, 0.2);
+    cn_path_deinit(&path);
+}
+
 /* Passes up and down, the camera turned about between them, as a survey drone flies. */
 static void a_survey_stays_inside_and_smooth(void **state)
 {
@@ -226,6 +265,7 @@ int main(void)
         cmocka_unit_test(one_view_gives_frames_alike),
         cmocka_unit_test(frames_stand_upright),
         cmocka_unit_test(two_views_give_a_straight_even_line),
+        cmocka_unit_test(parts_are_flown_one_after_the_other),
         cmocka_unit_test(a_survey_stays_inside_and_smooth),
         cmocka_unit_test(views_without_an_order_are_not_criss_crossed),
         cmocka_unit_test(a_house_between_two_views_is_flown_round),
