@@ -94,7 +94,7 @@ static cn_status fill_tile(cn_plan_tile *tile, const cn_plan_draft *d, uint32_t 
     const cn_plan_list *list = &d->lists[i];
     tile->centre[0] = d->circles.centre[i][0];
     tile->centre[1] = d->circles.centre[i][1];
-    tile->radius_m = d->circles.radius_m;
+    tile->radius_m = d->radius_m[i] > 0 ? d->radius_m[i] : d->circles.radius_m;
     tile->photos = malloc(sizeof *tile->photos * list->n);
     tile->held_out = malloc(sizeof *tile->held_out * list->n);
     if (!tile->photos || !tile->held_out) return cn_fail(CN_ERR_NOMEM, "out of memory for the photos of a tile");
@@ -216,6 +216,9 @@ static cn_status fill_tiles(const cn_context *ctx, cn_plan *plan, const cn_plan_
 static cn_status make_tiles(const cn_context *ctx, cn_plan *plan, cn_plan_draft *d)
 {
     CN_TRY(cn_plan_members(d));
+    if (d->n_joined)
+        cn_log(ctx, CN_LOG_INFO, "plan: %u of these tiles have the same photos as another, which stands for them",
+               d->n_joined);
     /* With a single tile this is not worth a warning. */
     if (d->n_left > 0 && d->circles.n > 1)
         CN_TRY(cn_plan_warn(ctx, plan,
@@ -240,11 +243,13 @@ static cn_status make(const cn_context *ctx, cn_plan *plan, cn_plan_draft *d)
            d->views.n, d->views.distance_m, cn_frame_unit(frame), d->circles.n, spacing_m, cn_frame_unit(frame));
     const uint32_t n = d->circles.n; /* before some are dropped */
     d->lists = calloc(n, sizeof *d->lists);
-    if (!d->lists) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);
-    cn_status status = make_tiles(ctx, plan, d);
-    for (uint32_t i = 0; i < n; i++)
+    d->radius_m = calloc(n, sizeof *d->radius_m);
+    cn_status status =
+        d->lists && d->radius_m ? make_tiles(ctx, plan, d) : cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);
+    for (uint32_t i = 0; i < n && d->lists; i++)
         free(d->lists[i].items);
     free(d->lists);
+    free(d->radius_m);
     return status;
 }
 

@@ -143,20 +143,106 @@ static cn_status drop(leaving *l, cn_plan_draft *d, uint32_t i)
     return status;
 }
 
-/* Closes the gaps that dropped circles leave in both arrays. */
-static void close_gaps(const leaving *l, cn_plan_circles *circles, cn_plan_list *lists)
+/* Closes the gaps that dropped circles leave in all arrays. */
+static void close_gaps(const leaving *l, cn_plan_draft *d)
 {
     uint32_t n = 0;
-    for (uint32_t i = 0; i < circles->n; i++) {
+    for (uint32_t i = 0; i < d->circles.n; i++) {
         if (l->gone[i]) continue;
         if (n < i) {
-            memcpy(circles->centre[n], circles->centre[i], sizeof *circles->centre);
-            lists[n] = lists[i];
-            lists[i] = (cn_plan_list){ 0 };
+            memcpy(d->circles.centre[n], d->circles.centre[i], sizeof *d->circles.centre);
+            d->radius_m[n] = d->radius_m[i];
+            d->lists[n] = d->lists[i];
+            d->lists[i] = (cn_plan_list){ 0 };
         }
         n++;
     }
-    circles->n = n;
+    d->circles.n = n;
+}
+
+/* ---- Circles with the same photos ---- */
+
+typedef struct listed {
+    const cn_plan_list *list;
+    uint32_t circle;
+} listed;
+
+static int compare_lists(const void *a, const void *b)
+{
+    const listed *x = a, *y = b;
+    if (x->list->n != y->list->n) return x->list->n < y->list->n ? -1 : 1;
+    const int order = x->list->n ? memcmp(x->list->items, y->list->items, x->list->n * sizeof(uint32_t)) : 0;
+    return order ? order : (x->circle > y->circle) - (x->circle < y->circle);
+}
+
+static bool are_same(const listed *a, const listed *b)
+{
+    return a->list->n == b->list->n && memcmp(a->list->items, b->list->items, a->list->n * sizeof(uint32_t)) == 0;
+}
+
+static double away(const double *place, const double centre[2])
+{
+    return hypot(place[0] - centre[0], place[1] - centre[1]);
+}
+
+/* Whether a place is in one of n circles. */
+static bool is_in_one(const cn_plan_circles *circles, const listed *some, uint32_t n, const double *place)
+{
+    for (uint32_t i = 0; i < n; i++)
+        if (away(place, circles->centre[some[i].circle]) <= circles->radius_m) return true;
+    return false;
+}
+
+/* One circle for n with the same photos: in the middle of what these look at, with a radius that holds the cameras, as
+ * far as either is in the circles. */
+static void join_circles(leaving *l, cn_plan_draft *d, const listed *same, uint32_t n)
+{
+    const uint32_t kept = same[0].circle;
+    const cn_plan_list *list = &d->lists[kept];
+    double sum[2] = { 0 }, farthest = 0;
+    uint32_t n_sum = 0;
+    for (uint32_t i = 0; i < list->n; i++) {
+        const double *anchor = d->views.views[list->items[i]].anchor;
+        if (!is_in_one(&d->circles, same, n, anchor)) continue;
+        n_sum++;
+        for (int k = 0; k < 2; k++)
+            sum[k] += anchor[k];
+    }
+    const double *first = d->circles.centre[kept],
+                 middle[2] = { n_sum ? sum[0] / n_sum : first[0], n_sum ? sum[1] / n_sum : first[1] };
+    for (uint32_t i = 0; i < list->n; i++) {
+        const double *camera = d->views.views[list->items[i]].centre;
+        if (is_in_one(&d->circles, same, n, camera)) farthest = fmax(farthest, away(camera, middle));
+    }
+    memcpy(d->circles.centre[kept], middle, sizeof middle);
+    d->radius_m[kept] = fmax(1.05 * farthest, 0.1 * d->views.distance_m);
+    for (uint32_t i = 1; i < n; i++) {
+        free(d->lists[same[i].circle].items);
+        d->lists[same[i].circle] = (cn_plan_list){ 0 };
+        l->gone[same[i].circle] = true;
+        l->n_circles--;
+        d->n_joined++;
+    }
+}
+
+/* The lists are sorted. */
+static cn_status join_same(leaving *l, cn_plan_draft *d)
+{
+    uint32_t n = 0;
+    if (d->options->layout == CN_LAYOUT_CENTRES || d->options->layout == CN_LAYOUT_GRID || d->options->spacing_m > 0)
+        return CN_OK;
+    listed *order = malloc((d->circles.n + (size_t)1) * sizeof *order);
+    if (!order) return cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", d->circles.n);
+    for (uint32_t i = 0; i < d->circles.n; i++)
+        if (!l->gone[i]) order[n++] = (listed){ &d->lists[i], i };
+    qsort(order, n, sizeof *order, compare_lists);
+    for (uint32_t i = 0, end; i < n; i = end) {
+        for (end = i + 1; end < n && are_same(&order[i], &order[end]);)
+            end++;
+        if (end > i + 1) join_circles(l, d, order + i, end - i);
+    }
+    free(order);
+    return CN_OK;
 }
 
 static int compare_indices(const void *a, const void *b)
@@ -177,9 +263,10 @@ static cn_status assign(tally *t, leaving *l, cn_plan_draft *d)
     fill_heap(l, d);
     while (take_poorest(l, d->options->min_photos, &poorest))
         CN_TRY(drop(l, d, poorest));
-    close_gaps(l, &d->circles, d->lists);
     for (uint32_t i = 0; i < d->circles.n; i++)
-        qsort(d->lists[i].items, d->lists[i].n, sizeof(uint32_t), compare_indices);
+        if (!l->gone[i]) qsort(d->lists[i].items, d->lists[i].n, sizeof(uint32_t), compare_indices);
+    CN_TRY(join_same(l, d));
+    close_gaps(l, d);
     return CN_OK;
 }
 
@@ -193,7 +280,7 @@ cn_status cn_plan_members(cn_plan_draft *draft)
                   .n_tiles = scratch + 4 * n,
                   .heap = malloc(sizeof *l.heap * n),
                   .gone = calloc(n, sizeof *l.gone) };
-    draft->n_left = draft->one_left = 0;
+    draft->n_left = draft->one_left = draft->n_joined = 0;
     cn_status status =
         l.heap && l.gone ? assign(&t, &l, draft) : cn_fail(CN_ERR_NOMEM, "out of memory for %zu tiles", n);
     free(l.heap);

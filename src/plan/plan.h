@@ -77,12 +77,16 @@ typedef struct cn_plan_draft {
     cn_plan_views views;
     cn_plan_circles circles;
     cn_plan_list *lists; /* the views of each circle, ascending */
+    double *radius_m;    /* of each circle; 0: that of all circles */
     bool *held;          /* of each view: never trained on */
     uint32_t n_left;     /* views in no circle, which were given to the nearest */
     uint32_t one_left;   /* one of them */
+    uint32_t n_joined;   /* circles that were left out for having the photos of another */
 } cn_plan_draft;
-/* Fills the lists, which the caller zeroed: by place or by the points seen. Circles with too few training photos are
- * dropped from both arrays (circles.n falls). */
+/* Fills the lists and radii, which the caller zeroed: by place or by the points seen. Circles with too few training
+ * photos are dropped from all arrays (circles.n falls). So are those with the same photos as another, unless the
+ * options say where tiles are or how far apart: they would train the same tile twice. The one that is left goes to the
+ * middle of them, with a radius that holds their cameras. */
 CN_NODISCARD cn_status cn_plan_members(cn_plan_draft *draft);
 
 /* centre[2], bounds, near and far of a tile whose photos and held-out photos are known. */

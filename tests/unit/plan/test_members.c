@@ -367,6 +367,49 @@ static void test_stable(void **state)
     city_deinit(&away);
 }
 
+static bool same_photos(const cn_plan_tile *a, const cn_plan_tile *b)
+{
+    return a->n_photos == b->n_photos && memcmp(a->photos, b->photos, a->n_photos * sizeof *a->photos) == 0;
+}
+
+/* Photos from the middle of courtyards, whose walls lie in several cells. Where all photos of a courtyard are in each
+ * of its tiles, it has one, with a radius that holds its cameras. A given distance is kept to. */
+static void test_a_courtyard_is_one_tile(void **state)
+{
+    (void)state;
+    enum { YARDS = 5, EACH = 32 };
+    static const double at[YARDS][2] = { { 0, 0 }, { 150, 31 }, { 333, -47 }, { 480, 90 }, { 707, 12 } };
+    city c;
+    cn_plan plan;
+    city_init(&c, YARDS * EACH, YARDS * EACH, YARDS * EACH * 3);
+    for (uint32_t i = 0; i < YARDS * EACH; i++) {
+        const double angle = 6.283185307179586 * i / EACH, *m = at[i / EACH];
+        city_look_along(&c, m[0] + 2 * cos(angle), m[1] + 2 * sin(angle), 2, cos(angle), sin(angle));
+    }
+    for (uint32_t i = 0; i < YARDS * EACH; i++) {
+        const double angle = 6.283185307179586 * i / EACH, *m = at[i / EACH];
+        const uint32_t first = i % EACH < EACH - 2 ? i : i - 2;
+        city_point(&c, m[0] + 25 * cos(angle), m[1] + 25 * sin(angle), 1, first, first + 2);
+    }
+    cn_plan_options o = cn_plan_options_default();
+    city_plan(&c, &o, &plan);
+    assert_int_equal(plan.n_tiles, YARDS);
+    for (uint32_t t = 0; t < plan.n_tiles; t++) {
+        const cn_plan_tile *tile = &plan.tiles[t];
+        const double *m = at[tile->photos[0] / EACH];
+        assert_true(hypot(tile->centre[0] - m[0], tile->centre[1] - m[1]) < 5);
+        assert_true(tile->radius_m > 2 && tile->radius_m < 30);
+        for (uint32_t k = 0; k < t; k++)
+            assert_false(same_photos(tile, &plan.tiles[k]));
+    }
+    cn_plan_deinit(&plan);
+    o.spacing_m = 25;
+    city_plan(&c, &o, &plan);
+    assert_true(plan.n_tiles > YARDS);
+    cn_plan_deinit(&plan);
+    city_deinit(&c);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -382,6 +425,7 @@ int main(void)
         cmocka_unit_test(test_stable),
         cmocka_unit_test(test_budgets),
         cmocka_unit_test(test_threads_change_nothing),
+        cmocka_unit_test(test_a_courtyard_is_one_tile),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
