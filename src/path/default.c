@@ -138,16 +138,11 @@ static void order_by_part(spline *s)
 }
 
 /* controls: room for MAX_VIEWS. */
-static cn_status choose_views(const cn_scene *scene, spline *s)
+static cn_status choose_views(const cn_scene *scene, const uint32_t *part, spline *s)
 {
     control nearest[MAX_VIEWS];
-    uint32_t *part;
-    CN_TRY(find_parts(scene, &part));
     uint32_t *order = cn_path_by_name(scene);
-    if (!order) {
-        free(part);
-        return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
-    }
+    if (!order) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
     s->n = scene->n_views < MAX_VIEWS ? scene->n_views : MAX_VIEWS;
     for (uint32_t i = 0; i < s->n; i++) {
         const uint32_t view = order[s->n > 1 ? (uint64_t)i * (scene->n_views - 1) / (s->n - 1) : 0];
@@ -157,7 +152,6 @@ static cn_status choose_views(const cn_scene *scene, spline *s)
         s->controls[i].shares_none = part[view] == ANY_PART;
     }
     free(order);
-    free(part);
     settle_parts(s);
     order_by_part(s);
     /* Names of photos by different people have no order: then fly from each view to the nearest one left. */
@@ -328,17 +322,62 @@ static void pieces_deinit(piece *pieces)
     }
 }
 
+/* The views of a part, with its points; names and cameras are borrowed. The caller frees the arrays. */
+static cn_status extract(const cn_scene *scene, const uint32_t *part, uint32_t which, cn_scene *out)
+{
+    uint32_t *place = malloc((scene->n_views + (size_t)1) * sizeof *place);
+    *out = (cn_scene){ .cameras = scene->cameras,
+                       .n_cameras = scene->n_cameras,
+                       .views = malloc((scene->n_views + (size_t)1) * sizeof *out->views),
+                       .points = malloc((scene->n_points + (size_t)1) * sizeof *out->points),
+                       .observations = malloc((scene->n_observations + (size_t)1) * sizeof *out->observations) };
+    const bool room = place && out->views && out->points && out->observations;
+    for (uint32_t i = 0; room && i < scene->n_views; i++)
+        if (part[i] == which) {
+            place[i] = out->n_views;
+            out->views[out->n_views++] = scene->views[i];
+        }
+    for (uint32_t i = 0; room && i < scene->n_points; i++) {
+        const cn_observation *seen = scene->observations + scene->points[i].first_observation;
+        cn_point point = scene->points[i];
+        if (!point.n_observations || part[seen[0].view] != which) continue;
+        point.first_observation = (uint32_t)out->n_observations;
+        for (uint32_t k = 0; k < point.n_observations; k++)
+            out->observations[out->n_observations++] =
+                (cn_observation){ place[seen[k].view], seen[k].x_px, seen[k].y_px };
+        out->points[out->n_points++] = point;
+    }
+    free(place);
+    return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+}
+
+/* Round what stands in the way. A space of its own for each part: one for all would have cells too large for each. */
+static cn_status lead_round(const cn_scene *scene, const uint32_t *part, const spline *views, spline *s)
+{
+    cn_scene own;
+    cn_free_space space = { 0 };
+    cn_status status = extract(scene, part, views->controls[0].part, &own);
+    if (status == CN_OK) status = cn_free_space_carve(&space, &own);
+    if (status == CN_OK) status = avoid(&space, views, s);
+    if (status == CN_OK) status = follow_closely(&space, s);
+    cn_free_space_deinit(&space);
+    free(own.views);
+    free(own.points);
+    free(own.observations);
+    return status;
+}
+
 /* views: in the order of their parts. pieces: room for MAX_VIEWS, zeroed; the caller frees them, also on failure. */
-static cn_status make_pieces(const cn_free_space *space, const spline *views, piece *pieces, uint32_t *n)
+static cn_status make_pieces(const cn_scene *scene, const uint32_t *part, const spline *views, piece *pieces,
+                             uint32_t *n)
 {
     *n = 0;
     for (uint32_t i = 0, end; i < views->n; i = end) {
         piece *made = &pieces[(*n)++];
         for (end = i + 1; end < views->n && views->controls[end].part == views->controls[i].part;)
             end++;
-        const spline part = { views->controls + i, end - i };
-        CN_TRY(avoid(space, &part, &made->spline));
-        CN_TRY(follow_closely(space, &made->spline));
+        const spline own = { views->controls + i, end - i };
+        CN_TRY(lead_round(scene, part, &own, &made->spline));
         made->length = malloc(((made->spline.n + 1) * (size_t)STEPS_PER_SEGMENT + 1) * sizeof *made->length);
         if (!made->length) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
         made->n = measure(&made->spline, made->length);
@@ -388,17 +427,16 @@ cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frame
     control chosen[MAX_VIEWS];
     spline views = { .controls = chosen };
     piece pieces[MAX_VIEWS] = { 0 };
-    uint32_t n_pieces = 0;
-    cn_free_space space;
+    uint32_t n_pieces = 0, *part;
     CN_TRY(median_vfov(scene, &vfov_deg));
-    CN_TRY(choose_views(scene, &views));
-    CN_TRY(cn_free_space_carve(&space, scene));
-    cn_status status = make_pieces(&space, &views, pieces, &n_pieces);
+    CN_TRY(find_parts(scene, &part));
+    cn_status status = choose_views(scene, part, &views);
+    if (status == CN_OK) status = make_pieces(scene, part, &views, pieces, &n_pieces);
     if (status == CN_OK) status = cn_path_allocate(path, n_frames, 24);
     if (status == CN_OK)
         status = fly(path, pieces, n_pieces, (cn_path_shot){ .vfov_deg = vfov_deg, .width = width, .height = height });
     if (status != CN_OK) cn_path_deinit(path);
     pieces_deinit(pieces);
-    cn_free_space_deinit(&space);
+    free(part);
     return status;
 }
