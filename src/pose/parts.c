@@ -95,6 +95,8 @@ static cn_status read_parts(search *s, const char *folder, const char *largest)
             status = cn_pose_read_result(NULL, s->task->index, path, &scene);
             if (status == CN_OK) status = consider(s, &scene, &fits);
             if (!fits || status != CN_OK) cn_scene_deinit(&scene);
+            /* A model that cannot be used is no part. */
+            if (status == CN_ERR_DATA || status == CN_ERR_FORMAT) status = CN_OK;
         }
         free(path);
         if (!there) break;
@@ -113,7 +115,7 @@ cn_status cn_parts_find(const cn_colmap_task *task, const char *folder, const cn
     search s = { task, main, frame, calloc(task->index->n_photos + (size_t)1, sizeof *s.taken), out };
     cn_status status = s.taken ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory looking for separate parts");
     for (uint32_t i = 0; i < main->n_views && s.taken; i++)
-        s.taken[main->views[i].photo] = true;
+        if (main->views[i].photo != UINT32_MAX) s.taken[main->views[i].photo] = true;
     if (status == CN_OK && n_models > 1) status = read_parts(&s, folder, largest);
     free(largest);
     free(s.taken);
