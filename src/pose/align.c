@@ -216,7 +216,7 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
 }
 
 /* Of the largest error that counts as agreement: scale and north of n photos with a spread of `spread` are known to
- * about error / (spread sqrt(n)). */
+ * about error / (spread sqrt(n)). Not measured apart. */
 #define SPREAD_FOR_SCALE 4
 
 static cn_status fit_into(cn_gps_pairs *p, const cn_scene *scene, double max_error_m, const cn_frame *frame,

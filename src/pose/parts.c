@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FEWEST_PHOTOS = 4 };
+enum { FEWEST_PHOTOS = 4 }; /* of a part; not measured apart */
 
 typedef struct search {
     const cn_colmap_task *task;

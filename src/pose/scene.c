@@ -217,7 +217,7 @@ cn_status cn_scene_tie(cn_scene *scene, const cn_photo_index *index, uint32_t *n
     return CN_OK;
 }
 
-enum { DEPTHS = 512 };
+enum { DEPTHS = 301 };
 double cn_scene_median_depth(const cn_scene *scene)
 {
     double found[DEPTHS];
@@ -239,20 +239,23 @@ double cn_scene_median_depth(const cn_scene *scene)
     return n ? cn_select(found, n, n / 2) : 1.0;
 }
 
-/* *items gets room for n more of n_items; false: out of memory, and it is as it was. */
-static bool grow(void *items, uint64_t n_items, uint64_t n, size_t size)
+static void *larger(void *items, uint64_t n, uint64_t n_more, size_t size)
 {
-    void **array = items, *larger = realloc(*array, (n_items + n + 1) * size);
-    if (larger) *array = larger;
-    return larger != NULL;
+    return realloc(items, (n + n_more + 1) * size);
 }
 
 cn_status cn_scene_append(cn_scene *scene, const cn_scene *other)
 {
-    if (!grow(&scene->cameras, scene->n_cameras, other->n_cameras, sizeof *scene->cameras) ||
-        !grow(&scene->views, scene->n_views, other->n_views, sizeof *scene->views) ||
-        !grow(&scene->points, scene->n_points, other->n_points, sizeof *scene->points) ||
-        !grow(&scene->observations, scene->n_observations, other->n_observations, sizeof *scene->observations))
+    cn_camera *cameras = larger(scene->cameras, scene->n_cameras, other->n_cameras, sizeof *cameras);
+    if (cameras) scene->cameras = cameras;
+    cn_view *views = larger(scene->views, scene->n_views, other->n_views, sizeof *views);
+    if (views) scene->views = views;
+    cn_point *points = larger(scene->points, scene->n_points, other->n_points, sizeof *points);
+    if (points) scene->points = points;
+    cn_observation *observations =
+        larger(scene->observations, scene->n_observations, other->n_observations, sizeof *observations);
+    if (observations) scene->observations = observations;
+    if (!cameras || !views || !points || !observations)
         return cn_fail(CN_ERR_NOMEM, "out of memory for %u photos more", other->n_views);
     for (uint32_t i = 0; i < other->n_views; i++) {
         cn_view *view = &scene->views[scene->n_views + i];

@@ -43,8 +43,8 @@ CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
 CN_NODISCARD cn_status cn_scene_keep_views(cn_scene *scene, const bool *keep);
 /* local = scale * rotation * source + translation, for views and points. */
 void cn_scene_transform(cn_scene *scene, double scale, const double rotation[9], const double translation[3]);
-/* Adds a copy of the other scene, which shares no photo with it and is in the same frame. CN_ERR_NOMEM: the scene is as
- * it was. */
+/* Adds a copy of the other scene, which shares no photo with it and is in the same frame; views stay sorted by name.
+ * CN_ERR_NOMEM: the scene is as it was, or has all views unsorted. */
 CN_NODISCARD cn_status cn_scene_append(cn_scene *scene, const cn_scene *other);
 /* The median distance from cameras to points that they see, by a few hundred points; without points, between cameras;
  * 1 without these. */
