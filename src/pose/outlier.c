@@ -28,7 +28,7 @@ enum { ONE_IN = 10, NAMED_AT_MOST = 10 };
 
 /* A pose needs three points, and a few more that confirm it. COLMAP asks for 30 matches that agree, but later steps
  * take points away: photos of a rig that looks all around kept 1, 3 and 4 points, and one stood 600 units away. Right
- * poses of 23 sets have 24 at least (experiments.md, "Photos with a wrong pose"). */
+ * poses of 19 sets have 24 at least (experiments.md, "Photos with a wrong pose"). */
 enum { FEWEST = 12 };
 
 /* Of each view. first: of its errors in `errors`; n: of its errors; scratch: room to find a median. */
