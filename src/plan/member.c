@@ -167,17 +167,18 @@ typedef struct listed {
     uint32_t circle;
 } listed;
 
+/* 0: the same photos. */
+static int compare_photos(const listed *x, const listed *y)
+{
+    if (x->list->n != y->list->n) return x->list->n < y->list->n ? -1 : 1;
+    return x->list->n ? memcmp(x->list->items, y->list->items, x->list->n * sizeof(uint32_t)) : 0;
+}
+
 static int compare_lists(const void *a, const void *b)
 {
     const listed *x = a, *y = b;
-    if (x->list->n != y->list->n) return x->list->n < y->list->n ? -1 : 1;
-    const int order = x->list->n ? memcmp(x->list->items, y->list->items, x->list->n * sizeof(uint32_t)) : 0;
+    const int order = compare_photos(x, y);
     return order ? order : (x->circle > y->circle) - (x->circle < y->circle);
-}
-
-static bool are_same(const listed *a, const listed *b)
-{
-    return a->list->n == b->list->n && memcmp(a->list->items, b->list->items, a->list->n * sizeof(uint32_t)) == 0;
 }
 
 static double away(const double *place, const double centre[2])
@@ -237,7 +238,7 @@ static cn_status join_same(leaving *l, cn_plan_draft *d)
         if (!l->gone[i]) order[n++] = (listed){ &d->lists[i], i };
     qsort(order, n, sizeof *order, compare_lists);
     for (uint32_t i = 0, end; i < n; i = end) {
-        for (end = i + 1; end < n && are_same(&order[i], &order[end]);)
+        for (end = i + 1; end < n && compare_photos(&order[i], &order[end]) == 0;)
             end++;
         if (end > i + 1) join_circles(l, d, order + i, end - i);
     }

@@ -78,6 +78,11 @@ static void mean_place(const cn_gps_pairs *p, cn_frame *frame)
     frame->height_m = height;
 }
 
+static cn_status check_number(const cn_gps_pairs *p)
+{
+    return p->n >= FEWEST_GPS ? CN_OK : cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n_all);
+}
+
 static cn_status fill_targets(cn_gps_pairs *p, const cn_frame *frame)
 {
     for (uint32_t i = 0; i < p->n; i++) {
@@ -172,7 +177,7 @@ static void level_scene(const cn_context *ctx, const cn_scene *scene, const cn_p
 static cn_status georeference(const cn_context *ctx, const cn_scene *scene, cn_gps_pairs *p, double max_error_m,
                               cn_frame *frame, cn_similarity *s)
 {
-    if (p->n < FEWEST_GPS) return cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n_all);
+    CN_TRY(check_number(p));
     CN_TRY(to_local(ctx, p, frame));
     CN_TRY(cn_align_fit(ctx, scene, p, max_error_m, frame, s));
     frame->n_gps = p->n_all;
@@ -225,7 +230,7 @@ static cn_status fit_into(cn_gps_pairs *p, const cn_scene *scene, double max_err
     bool found;
     cn_frame own = *frame;
     double spread[3];
-    if (p->n < FEWEST_GPS) return cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n_all);
+    CN_TRY(check_number(p));
     CN_TRY(add_geoid(p, &found));
     /* Where this scene's photos or the frame's have no altitude, both are at one height. */
     if (!p->has_height || frame->height_m == 0.0)
