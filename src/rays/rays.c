@@ -1,8 +1,20 @@
 #include "rays/rays.h"
 
+#include "base/contraction.h"
 #include "math/linalg.h"
 
 #include <math.h>
+
+void cn_box_contract(const cn_box *box, const double point[3], float x[3])
+{
+    double v[3], m = 1;
+    for (int a = 0; a < 3; a++) {
+        v[a] = (point[a] - box->centre[a]) / box->half_extent[a];
+        m = fmax(m, fabs(v[a]));
+    }
+    for (int a = 0; a < 3; a++)
+        x[a] = (float)(0.25 * (v[a] * cn_contraction(m) + 2));
+}
 
 float cn_box_inv_extent(const cn_box *box)
 {

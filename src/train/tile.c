@@ -2,6 +2,7 @@
 #include "train/trainer.h"
 
 #include "effect/runs.h"
+#include "field/islands.h"
 #include "tile/model.h"
 #include "train/looks.h"
 #include "train/unseen_light.h"
@@ -63,6 +64,25 @@ static cn_status settle(const cn_trainer *t, float *shared)
     return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while writing tile %s", t->input->tile->id);
 }
 
+/* The cells that a render shows. Without sparse points nothing tells a small thing from a mistake, so all islands
+ * stay. */
+static cn_status find_shown(const cn_trainer *t, uint32_t *shown)
+{
+    const cn_scene *scene = t->input->scene;
+    cn_occupancy_shown(&t->occ, t->step, shown);
+    if (!scene || !scene->n_points) return CN_OK;
+    uint8_t *held = calloc(CN_OCC_CELLS, 1);
+    if (!held) return cn_fail(CN_ERR_NOMEM, "out of memory while writing tile %s", t->input->tile->id);
+    for (uint32_t i = 0; i < scene->n_points; i++) {
+        float x[3];
+        cn_box_contract(&t->box, scene->points[i].xyz, x);
+        held[cn_occupancy_cell(x[0], x[1], x[2])] = 1;
+    }
+    const cn_status status = cn_islands_drop(shown, held);
+    free(held);
+    return status;
+}
+
 cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, const char *path)
 {
     uint32_t n_names = 0;
@@ -78,12 +98,12 @@ cn_status cn_trainer_save_tile(const cn_trainer *t, const char *parent_hash, con
     uint32_t *shown = malloc(sizeof *shown * (CN_OCC_CELLS / 32));
     if (status == CN_OK && (!names || !rows || !shown || !shared))
         status = cn_fail(CN_ERR_NOMEM, "out of memory while writing %s", path);
+    if (status == CN_OK) status = find_shown(t, shown);
     if (status == CN_OK) {
         const float *params = t->parameters.value + t->parameters.photo_at;
         /* A render marches with the step length at the end of training. */
         cn_box box = t->box;
         box.step = (float)fmax(t->box.step, t->sampler.pace.march_step);
-        cn_occupancy_shown(&t->occ, t->step, shown);
         cn_train_constants(t->input, &pack, rows);
         for (uint32_t i = 0; i < pack.n_on; i++)
             memcpy(rows + pack.n_constants + pack.on[i].photo, params + t->effects.pack.on[i].photo,

@@ -1,7 +1,5 @@
 #include "train/trainer.h"
 
-#include "base/contraction.h"
-
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -118,15 +116,8 @@ static cn_status place_field(cn_trainer *t)
     cn_field_change change = cn_parameters_change(&t->parameters, t->options.seed, 0);
     float(*points)[3] = malloc(sizeof *points * (n + 1));
     if (!points) return cn_fail(CN_ERR_NOMEM, "out of memory at the start of tile %s", t->input->tile->id);
-    for (size_t i = 0; i < n; i++) {
-        double x[3], m = 1;
-        for (int a = 0; a < 3; a++) {
-            x[a] = (scene->points[i].xyz[a] - t->box.centre[a]) / t->box.half_extent[a];
-            m = fmax(m, fabs(x[a]));
-        }
-        for (int a = 0; a < 3; a++)
-            points[i][a] = (float)(0.25 * (x[a] * cn_contraction(m) + 2));
-    }
+    for (size_t i = 0; i < n; i++)
+        cn_box_contract(&t->box, scene->points[i].xyz, points[i]);
     change.points = (const float(*)[3])points;
     change.n_points = n;
     change.usable = t->usable;
