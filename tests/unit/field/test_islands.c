@@ -69,25 +69,27 @@ static void test_small_islands_go(void **state)
     free_grid(&g);
 }
 
+enum { ROW = CN_ISLAND_LEAST - 1 }; /* too few alone, and enough with another row */
+
 /* Two rows that touch at an edge are one island; so are two that touch at a corner. Rows with a gap are two, also where
  * one ends at a face of the grid and the next cell in memory is full. */
 static void test_islands_touch_at_corners(void **state)
 {
     (void)state;
     grid g = make_grid();
-    fill_row(&g, 20, 10, 10);
-    fill_row(&g, 20, 11, 11);
-    fill_row(&g, 20, 30, 30);
-    for (uint32_t x = 20; x < 40; x++)
+    fill_row(&g, ROW, 10, 10);
+    fill_row(&g, ROW, 11, 11);
+    fill_row(&g, ROW, 30, 30);
+    for (uint32_t x = ROW; x < 2 * ROW; x++)
         fill(&g, cell_at(x, 31, 31));
-    fill_row(&g, 20, 50, 50);
-    fill_row(&g, 20, 52, 50);
-    for (uint32_t x = CN_OCC_RES - 20; x < CN_OCC_RES; x++)
+    fill_row(&g, ROW, 50, 50);
+    fill_row(&g, ROW, 52, 50);
+    for (uint32_t x = CN_OCC_RES - ROW; x < CN_OCC_RES; x++)
         fill(&g, cell_at(x, 70, 70));
-    fill_row(&g, 20, 71, 70);
+    fill_row(&g, ROW, 71, 70);
     assert_int_equal(cn_islands_drop(g.bits, g.held), CN_OK);
-    assert_int_equal(count_row(&g, 10, 10) + count_row(&g, 11, 11), 40);
-    assert_int_equal(count_row(&g, 30, 30) + count_row(&g, 31, 31), 40);
+    assert_int_equal(count_row(&g, 10, 10) + count_row(&g, 11, 11), 2 * ROW);
+    assert_int_equal(count_row(&g, 30, 30) + count_row(&g, 31, 31), 2 * ROW);
     assert_int_equal(count_row(&g, 50, 50) + count_row(&g, 52, 50), 0);
     assert_int_equal(count_row(&g, 70, 70) + count_row(&g, 71, 70), 0);
     free_grid(&g);
