@@ -60,7 +60,7 @@ static void test_small_islands_go(void **state)
     fill_row(&g, CN_ISLAND_LEAST - 1, 10, 10);
     fill_row(&g, CN_ISLAND_LEAST, 20, 20);
     fill_row(&g, CN_OCC_RES, CN_OCC_RES - 1, CN_OCC_RES - 1);
-    fill(&g, cell_at(0, 0, 0)); /* the first and the last cell of the grid */
+    fill(&g, cell_at(0, 0, 0)); /* the first cell of the grid; the last is in the row above */
     assert_int_equal(cn_islands_drop(g.bits, g.held), CN_OK);
     assert_int_equal(count_row(&g, 10, 10), 0);
     assert_int_equal(count_row(&g, 20, 20), CN_ISLAND_LEAST);
