@@ -18,7 +18,7 @@ enum {
 enum { FREE = 1, BESIDE = 3, UNKNOWN = 5, MATTER = 15 };
 enum { IS_FREE = 1, HAS_POINTS = 2 };
 #define ABOVE 0.99    /* higher than this share of the sparse points there is only air */
-#define AROUND 0.5    /* of the distance to a photo's nearest sparse points: free all around the photo */
+#define AROUND 0.5    /* of the distance to a photo's nearest sparse points: free beside and above the photo */
 #define NEAREST 0.05  /* the share of its points that counts as nearest: some are wrong */
 #define WORTH 0.7     /* a route costs less than this share of the straight line */
 #define SHORTCUT 1.05 /* a corner is left out when the line without it costs at most this much more */
@@ -101,8 +101,9 @@ static void carve_lines(cn_free_space *s, const cn_scene *scene)
     }
 }
 
-/* A ball round each view, as large as the nearest things that it shows allow. */
-static cn_status carve_balls(cn_free_space *s, const cn_scene *scene)
+/* A dome over each view, as large as the nearest things that it shows allow. What is below the camera it need not show:
+ * the ground is often nearer than anything in the picture. */
+static cn_status carve_domes(cn_free_space *s, const cn_scene *scene)
 {
     cn_status status = CN_OK;
     uint32_t *first = calloc(scene->n_views + 1, sizeof *first);
@@ -127,7 +128,7 @@ static cn_status carve_balls(cn_free_space *s, const cn_scene *scene)
         cn_view_centre(&scene->views[v], c);
         const double radius = AROUND * distance[from + (uint32_t)(NEAREST * n)];
         const int reach = (int)fmin(ceil(radius / s->edge), CELLS_MOST);
-        for (int z = -reach; z <= reach; z++)
+        for (int z = 0; z <= reach; z++)
             for (int y = -reach; y <= reach; y++)
                 for (int x = -reach; x <= reach; x++) {
                     const int d[3] = { x, y, z };
@@ -180,7 +181,7 @@ cn_status cn_free_space_carve(cn_free_space *s, const cn_scene *scene)
     cn_status status = CN_OK;
     if (!s->cost || !cost) status = cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
     if (status == CN_OK) carve_lines(s, scene);
-    if (status == CN_OK) status = carve_balls(s, scene);
+    if (status == CN_OK) status = carve_domes(s, scene);
     if (status == CN_OK) status = carve_above(s, scene);
     for (size_t i = 0; status == CN_OK && i < n; i++) {
         const bool is_free = s->cost[i] & IS_FREE, beside = beside_points(s, s->cost, i);

@@ -248,6 +248,46 @@ static void a_house_between_two_views_is_flown_round(void **state)
     assert_true(longest < 1); /* evenly: some 110 m in 200 frames */
 }
 
+/* Eight views in a row, whose photos show a wall 30 m away and a hedge of 4 m across the row, four from either side;
+ * all show the top of a tower. No photo shows the ground at z = 0, which is nearer than all of that. */
+static void a_hedge_between_two_views_is_flown_over(void **state)
+{
+    (void)state;
+    enum { SHEET = 21 * 7, HEDGE = 7 * SHEET, POINTS = HEDGE + 24000 };
+    static cn_point points[POINTS];
+    static cn_observation observations[4 * POINTS + 4];
+    uint32_t n = 0;
+    synthetic m;
+    make(&m, 8);
+    for (uint32_t i = 0; i < 8; i++)
+        place(&m.views[i], 0, i < 4 ? 3.0 * i : 3.0 * i + 7, 1.6, false);
+    for (uint32_t i = 0; i < POINTS; i++) {
+        const double hedge[3] = { 0.6 * (i % 21) - 6, 11 + i / SHEET, 0.6 * (i % SHEET / 21) + 0.2 },
+                     wall[3] = { 30, 0.5 * (i % 100) - 10, 0.1 * (i / 100 % 240) }, tower[3] = { 30, 14, 40 };
+        memcpy(points[i].xyz, i < HEDGE ? hedge : i < POINTS - 1 ? wall : tower, sizeof points[i].xyz);
+        points[i].first_observation = n;
+        for (uint32_t v = 0; v < 8; v++)
+            if (i == POINTS - 1 || (v < 4) == (points[i].xyz[1] < 14)) observations[n++].view = v;
+        points[i].n_observations = n - points[i].first_observation;
+    }
+    m.scene.points = points;
+    m.scene.n_points = POINTS;
+    m.scene.observations = observations;
+    m.scene.n_observations = n;
+    cn_path path;
+    assert_int_equal(cn_path_default(&path, &m.scene, 200, 64, 32), CN_OK);
+    double lowest = INFINITY, highest = 0;
+    for (uint32_t i = 0; i < 200; i++) {
+        double c[3];
+        cn_view_centre(&path.frames[i].view, c);
+        lowest = fmin(lowest, c[2]);
+        highest = fmax(highest, c[2]);
+    }
+    assert_true(lowest > 0.5);
+    assert_true(highest > 4);
+    cn_path_deinit(&path);
+}
+
 static void nothing_to_fly_over_is_said(void **state)
 {
     (void)state;
@@ -269,6 +309,7 @@ int main(void)
         cmocka_unit_test(a_survey_stays_inside_and_smooth),
         cmocka_unit_test(views_without_an_order_are_not_criss_crossed),
         cmocka_unit_test(a_house_between_two_views_is_flown_round),
+        cmocka_unit_test(a_hedge_between_two_views_is_flown_over),
         cmocka_unit_test(nothing_to_fly_over_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
