@@ -7,6 +7,7 @@
 #include "pose/align.h"
 #include "pose/align_fit.h"
 #include "pose/colmap.h"
+#include "pose/connected.h"
 #include "pose/mapping.h"
 #include "pose/outlier.h"
 #include "pose/parts.h"
@@ -149,7 +150,8 @@ typedef struct kept {
     const cn_rung *rung;
     char *database; /* that it was made from */
     uint32_t n_attempts;
-    bool confirmed; /* two attempts agree with each other, so it is GPS that is off */
+    bool confirmed;  /* two attempts agree with each other, so it is GPS that is off */
+    bool *connected; /* of each photo: see connected.h; NULL: not known */
 } kept;
 
 static bool is_enough(const cn_colmap_task *task, const kept *found, const cn_rung *next)
@@ -157,11 +159,15 @@ static bool is_enough(const cn_colmap_task *task, const kept *found, const cn_ru
     const cn_mapped *best = &found->mapped;
     const uint32_t n = task->index->n_photos;
     const double enough = task->rig_views ? ENOUGH_OF_RIGS : next->new_features ? ENOUGH_FOR_NEW_FEATURES : ENOUGH;
-    uint32_t n_core = 0;
-    for (uint32_t i = 0; i < n; i++)
-        n_core += !task->core || task->core[i];
+    uint32_t n_core = 0, n_shared = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const bool core = !task->core || task->core[i];
+        if (found->connected && !found->connected[i] && !next->new_features) continue;
+        n_core += core;
+        n_shared += !core;
+    }
     const bool posed = best->n_core >= enough * n_core &&
-                       best->n_photos + best->n_elsewhere - best->n_core >= fmin(enough, ENOUGH_SHARED) * (n - n_core);
+                       best->n_photos + best->n_elsewhere - best->n_core >= fmin(enough, ENOUGH_SHARED) * n_shared;
     if (!next->new_features)
         return posed && best->error_px <= DOUBTFUL_PX &&
                (found->confirmed || !cn_align_is_doubtful(best->n_gps, best->n_agree));
@@ -340,6 +346,7 @@ static cn_status climb(const cn_colmap_task *task, cn_colmap_job *first, kept *b
     CN_TRY(cn_process_end_stray(first->ctx, first->note));
     CN_TRY(cn_colmap_features(first));
     CN_TRY(cn_colmap_matches(first));
+    CN_TRY(cn_pose_connected(first, &best->connected));
     for (const cn_rung *rung = RUNGS; rung < RUNGS + CN_MOST_ATTEMPTS; rung++) {
         if (best->n_attempts == task->options->attempts) break;
         /* Views of one rig share a place, about which pairs of them say nothing. */
@@ -404,6 +411,7 @@ cn_status cn_colmap_poses(const cn_colmap_task *task, cn_colmap_result *result)
     CN_TRY(job_init(&first, task, task->dir, &RUNGS[0].way));
     const cn_status status = climb(task, &first, &best);
     job_deinit(&first);
+    free(best.connected);
     result->model = best.mapped.model;
     result->folder = best.mapped.folder;
     result->database = best.database;

@@ -298,6 +298,38 @@ static void test_core(void **state)
     cn_colmap_result_deinit(&result);
 }
 
+static void match(const char *database, int a, int b)
+{
+    char sql[160];
+    snprintf(sql, sizeof sql, "INSERT INTO two_view_geometries(pair_id, rows, cols, config) VALUES(%lld, 90, 2, 2)",
+             2147483647LL * a + b);
+    colmap_database_run(database, sql);
+}
+
+/* A photo that matches no other gets no pose from the same matches. New features may match. */
+static void test_connected(void **state)
+{
+    (void)state;
+    cn_colmap_result result;
+    char made[96];
+    snprintf(made, sizeof made, "%s/made.db", folder);
+    for (int i = 0; i < N; i++)
+        colmap_database_add(made, (uint32_t)i + 1, photos[i].name, NULL, 0);
+    match(made, 1, 3);
+    match(made, 2, 3);
+    write_program("*) give three;;");
+    assert_int_equal(run(&result), CN_OK);
+    assert_int_equal(calls("feature_extractor"), 2);
+    assert_int_equal(calls("mapper "), 2);
+    cn_colmap_result_deinit(&result);
+    /* With a match it is looked for again. */
+    snprintf(made, sizeof made, "%s/poses/database.db", folder);
+    match(made, 3, 4);
+    assert_int_equal(run(&result), CN_OK);
+    assert_int_equal(calls("mapper "), 4);
+    cn_colmap_result_deinit(&result);
+}
+
 /* An attempt that fails does not lose what others found; the log says so. */
 static void test_failure(void **state)
 {
@@ -474,7 +506,7 @@ int main(void)
         TEST(test_first),       TEST(test_second),      TEST(test_last),        TEST(test_smaller_error),
         TEST(test_more_points), TEST(test_unsupported), TEST(test_doubtful),    TEST(test_core),
         TEST(test_failure),     TEST(test_one_attempt), TEST(test_skewed_lens), TEST(test_straight_down),
-        TEST(test_bad_gps),
+        TEST(test_bad_gps),     TEST(test_connected),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
