@@ -1,6 +1,7 @@
 #include "effect/display.h"
 
 #include "base/srgb.h"
+#include "effect/effect.h"
 
 #include "conurb/colour.h"
 
@@ -39,4 +40,18 @@ float cn_display_error(const float rgb[3], const float target[3], float scale, f
             d_rgb[c] += 2 * scale * e * gradient * (float)cn_srgb_from_acescg[3 * i + c];
     }
     return error;
+}
+
+float cn_display_quartile(const float *error, uint32_t n)
+{
+    float ascending[CN_EFFECT_RAYS];
+    uint32_t n_sorted = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        if (!(error[i] >= 0)) continue;
+        uint32_t at = n_sorted++;
+        for (; at && ascending[at - 1] > error[i]; at--)
+            ascending[at] = ascending[at - 1];
+        ascending[at] = error[i];
+    }
+    return n_sorted ? ascending[n_sorted * 3 / 4] : 0;
 }

@@ -224,19 +224,13 @@ static float cost_gradient(float alpha)
 /* The price of a transient among these rays (see above). */
 static float price_of(const cn_effect_rays *rays, const float *target, const float *scale, float *saved)
 {
-    float error[CN_EFFECT_RAYS]; /* ascending */
-    uint32_t n = 0;
-    for (uint32_t i = 0; target && i < rays->n; i++) {
-        if (!(scale[i] > 0)) continue;
+    float error[CN_EFFECT_RAYS];
+    for (uint32_t i = 0; i < rays->n; i++) {
         const float before[3] = { own(saved, BEFORE)[i], own(saved, BEFORE + 1)[i], own(saved, BEFORE + 2)[i] };
-        const float e = cn_display_error(before, target + 4 * (size_t)i, 0, NULL);
-        if (!isfinite(e)) continue;
-        uint32_t at = n++;
-        for (; at && error[at - 1] > e; at--)
-            error[at] = error[at - 1];
-        error[at] = e;
+        const float e = target && scale[i] > 0 ? cn_display_error(before, target + 4 * (size_t)i, 0, NULL) : -1;
+        error[i] = isfinite(e) ? e : -1;
     }
-    return fmaxf(2 * BETA_MIN * BETA_MIN, n ? error[n * 3 / 4] : 0);
+    return fmaxf(2 * BETA_MIN * BETA_MIN, cn_display_quartile(error, rays->n));
 }
 
 static double loss(const cn_effect_rays *rays, const cn_effect_data *data, const cn_effect_residuals *residuals,
@@ -301,6 +295,7 @@ const cn_effect cn_effect_transient = {
     .unprobed = true,
     .wants_uv = true,
     .wants_support = true,
+    .weighs_errors = true,
     .start = 0.1f,
     .evidence = evidence,
     .photo_params = CODE,

@@ -14,6 +14,7 @@ typedef struct cn_shade {
     cn_effect_rays rays; /* at most CN_GROUP */
     const float *target; /* [rays][4] linear ACEScg and weight; a ray of weight 0 takes no part */
     float scale;         /* of a ray's loss: 1 / (3 rays of the step) */
+    bool charbonnier;    /* large errors count less than by their squares */
     float *error;        /* [rays] each ray's squared error; NULL: not asked for */
 } cn_shade;
 

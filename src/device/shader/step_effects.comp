@@ -25,7 +25,7 @@ layout(std430, binding = 15) writeonly buffer GroupSums { float group_sums[]; };
 
 const uint PARTS = 8, WIDEST = 64;
 shared float x[WIDEST * GROUP]; // [row][ray] what goes into a layer, or comes out of it
-shared float sorted[GROUP], price;
+shared float sorted[GROUP], quartile;
 shared vec4 sum_of[GROUP]; // error, weighed error, weight, rays
 shared vec4 shown[GROUP];  // the photo's colour, display-encoded, and 1 where it is finite
 shared uint bad_of[GROUP];
@@ -245,21 +245,22 @@ void add_transient(inout vec3 rgb)
     rgb += alpha * (own - rgb);
 }
 
-// The price of a transient among these rays: the third quartile of their errors, which are negative where they do not
-// count.
-float price_of(float error)
+// The third quartile of these rays' errors, which are negative where they do not count.
+float quartile_of(float error)
 {
     if (part == 0) sorted[i] = error;
-    if (part == 0 && i == 0) price = 0;
+    if (part == 0 && i == 0) quartile = 0;
     barrier();
     uint n = 0, rank = 0;
     for (uint k = 0; k < GROUP; k++) {
         n += sorted[k] >= 0 ? 1 : 0;
         rank += sorted[k] >= 0 && (sorted[k] < error || (sorted[k] == error && k < i)) ? 1 : 0;
     }
-    if (part == 0 && error >= 0 && rank == n * 3 / 4) price = error;
+    if (part == 0 && error >= 0 && rank == n * 3 / 4) quartile = error;
     barrier();
-    return max(2 * BETA_MIN * BETA_MIN, price);
+    const float found = quartile;
+    barrier(); // before the next call sets it again
+    return found;
 }
 
 void transient_back(inout vec3 d, float d_beta, float d_cost)
@@ -297,6 +298,8 @@ bool finite(float v)
 {
     return !isnan(v) && !isinf(v);
 }
+
+const float LEAST_QUARTILE = 1e-4;
 
 float error_of(vec3 rgb, vec3 wanted, float scale, out vec3 d)
 {
@@ -376,12 +379,16 @@ void main()
     if (is_on(SKY)) d_after = sky_loss(scale);
     if (is_on(TRANSIENT)) {
         const float without = error_of(before, wanted.xyz, 0, unused);
-        const float asked = price_of(scale > 0 && finite(without) ? without : -1);
+        const float asked = max(2 * BETA_MIN * BETA_MIN, quartile_of(scale > 0 && finite(without) ? without : -1));
         factor = BETA_MIN * BETA_MIN / (beta * beta);
         d_beta = scale * (asked - 2 * error * factor) / beta;
         const float veil = alpha + VEIL;
         d_cost = scale * asked * (1 + VEIL) * VEIL / (veil * veil) * (1 - alpha);
         d *= factor;
+    }
+    if (s.charbonnier != 0) { // large errors count less: see train/shade.c
+        const float b = max(quartile_of(scale > 0 ? error : -1), LEAST_QUARTILE);
+        d /= sqrt(1 + error / b);
     }
     if (part == 0) {
         sum_of[i] = good ? vec4(error, factor * error, factor, 1) : vec4(0);

@@ -2,6 +2,7 @@
 #include "loss/loss.h"
 #include "train/composite.h"
 #include "train/monitor.h"
+#include "effect/display.h"
 #include "train/shade.h"
 
 #include <setjmp.h>
@@ -166,10 +167,92 @@ static void errors_count_as_the_loss_weighs_them(void **state)
     assert_float_equal(told.weight, 1.1, 1e-6);
 }
 
+/* The errors of 17 rays, whose photos are grey and, for the last, white, before a black pixel: their third quartile is
+ * that of the 13th, b. A ray's loss is 2 b (sqrt(1 + e / b) - 1), whose slope the gradient has to
+ * be. Without it the gradient is that of e. */
+static void large_errors_count_less(void **state)
+{
+    (void)state;
+    enum { RAYS = 17, QUARTILE = 12 };
+    static const uint32_t photo[CN_GROUP];
+    const cn_effect_pack pack = { 0 };
+    float target[4 * CN_GROUP] = { 0 };
+    double error[RAYS];
+    for (uint32_t r = 0; r < RAYS; r++) {
+        const float black[3] = { 0, 0, 0 }, grey = r + 1 < RAYS ? 0.01f * (float)(r + 1) : 1;
+        for (int c = 0; c < 3; c++)
+            target[4 * r + (uint32_t)c] = grey;
+        target[4 * r + 3] = 1;
+        error[r] = (double)cn_display_error(black, target + 4 * (size_t)r, 1, NULL);
+        assert_true(!r || error[r] > error[r - 1]);
+    }
+    cn_shade_grad got;
+    cn_span spans[CN_GROUP] = { { 0 } };
+    cn_worker w = { 0 };
+    cn_step_stats stats = { 0 };
+    cn_shade shade = {
+        .pack = &pack, .rays = { CN_GROUP, NULL, NULL, photo }, .target = target, .scale = 1, .charbonnier = true
+    };
+    cn_shade_loss(&shade, spans, &w, &got, &(cn_effect_grad){ NULL, NULL }, &stats);
+    const double b = error[QUARTILE];
+    for (uint32_t r = 0; r < RAYS; r++) {
+        const float h = 1e-4f, pixel[3] = { h, 0, 0 };
+        const double e = (double)cn_display_error(pixel, target + 4 * (size_t)r, 1, NULL),
+                     slope = 2 * b * (sqrt(1 + e / b) - sqrt(1 + error[r] / b)) / (double)h;
+        assert_float_equal(got.pixel[r][0], slope, 0.02 * fabs(slope));
+    }
+    for (uint32_t r = RAYS; r < CN_GROUP; r++)
+        assert_float_equal(got.pixel[r][0], 0, 0); /* of weight 0 */
+    const double tempered = (double)got.pixel[RAYS - 1][0];
+    shade.charbonnier = false;
+    cn_shade_loss(&shade, spans, &w, &got, &(cn_effect_grad){ NULL, NULL }, &stats);
+    assert_float_equal(tempered, (double)got.pixel[RAYS - 1][0] / sqrt(1 + error[RAYS - 1] / b), 1e-5);
+}
+
+/* Without any error, and without any ray. */
+static void no_errors_are_no_trouble(void **state)
+{
+    (void)state;
+    static const uint32_t photo[CN_GROUP];
+    const cn_effect_pack pack = { 0 };
+    float target[4 * CN_GROUP] = { 0 };
+    cn_shade_grad got;
+    cn_span spans[CN_GROUP] = { { 0 } };
+    cn_worker w = { 0 };
+    cn_step_stats stats = { 0 };
+    const cn_shade shade = {
+        .pack = &pack, .rays = { CN_GROUP, NULL, NULL, photo }, .target = target, .scale = 1, .charbonnier = true
+    };
+    for (int round = 0; round < 2; round++) {
+        cn_shade_loss(&shade, spans, &w, &got, &(cn_effect_grad){ NULL, NULL }, &stats);
+        for (uint32_t r = 0; r < CN_GROUP; r++)
+            for (int c = 0; c < 3; c++)
+                assert_float_equal(got.pixel[r][c], 0, 0);
+        for (uint32_t r = 0; r < CN_GROUP; r++)
+            target[4 * r + 3] = 1;
+    }
+    assert_int_equal(stats.bad, 0);
+}
+
+static void the_quartile_is_of_errors_that_count(void **state)
+{
+    (void)state;
+    const float error[] = { 4, -1, 1, 3, -1, 2 };
+    assert_float_equal(cn_display_quartile(error, 6), 4, 0);
+    assert_float_equal(cn_display_quartile(error, 5), 4, 0);
+    assert_float_equal(cn_display_quartile(error + 1, 5), 3, 0);
+    assert_float_equal(cn_display_quartile(error + 1, 1), 0, 0);
+    assert_float_equal(cn_display_quartile(error, 0), 0, 0);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(a_free_ray), cmocka_unit_test(a_ray_through_a_point),
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_free_ray),
+                                        cmocka_unit_test(a_ray_through_a_point),
                                         cmocka_unit_test(prior_weight_falls_with_the_error),
-                                        cmocka_unit_test(errors_count_as_the_loss_weighs_them) };
+                                        cmocka_unit_test(errors_count_as_the_loss_weighs_them),
+                                        cmocka_unit_test(large_errors_count_less),
+                                        cmocka_unit_test(no_errors_are_no_trouble),
+                                        cmocka_unit_test(the_quartile_is_of_errors_that_count) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
