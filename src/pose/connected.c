@@ -26,17 +26,14 @@ static cn_status connect(const cn_photo_index *index, const uint32_t *number, co
     uint32_t highest = 0;
     for (uint32_t i = 0; i < index->n_photos; i++)
         highest = number[i] > highest ? number[i] : highest;
-    for (size_t p = 0; p < n; p++) {
-        const uint32_t most = pairs[p].a > pairs[p].b ? pairs[p].a : pairs[p].b;
-        highest = most > highest ? most : highest;
-    }
     uint32_t *parent = malloc(((size_t)highest + 1) * sizeof *parent),
              *photos = calloc((size_t)highest + 1, sizeof *photos);
     const bool room = parent && photos;
     for (uint32_t k = 0; room && k <= highest; k++)
         parent[k] = k;
     for (size_t p = 0; room && p < n; p++)
-        parent[cn_root_of(parent, pairs[p].a)] = cn_root_of(parent, pairs[p].b);
+        if (pairs[p].a <= highest && pairs[p].b <= highest)
+            parent[cn_root_of(parent, pairs[p].a)] = cn_root_of(parent, pairs[p].b);
     for (uint32_t k = 0; room && k <= highest; k++)
         photos[cn_root_of(parent, k)]++;
     for (uint32_t i = 0; room && i < index->n_photos; i++)
