@@ -1,6 +1,7 @@
 /* COLMAP's features and matches, and the names and folders that it sees. */
 #ifndef CONURB_POSE_COLMAP_H
 #define CONURB_POSE_COLMAP_H
+#include "bridge/sqlite.h"
 #include "pose/colmap_job.h"
 
 /* The first two stages, each done once: features of the photos, and matches of pairs. A run that was killed goes on. */
@@ -17,6 +18,9 @@ CN_NODISCARD cn_status cn_colmap_show_photos(const cn_colmap_job *j);
 CN_NODISCARD cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index);
 /* The name under which COLMAP sees photo i; caller frees; NULL when out of memory. */
 char *cn_colmap_name(const cn_photo_index *index, bool linked, uint32_t i);
+/* *number: of photo i in the database; 0 when it has no such photo. Errors as of cn_colmap_database_photo. */
+CN_NODISCARD cn_status cn_colmap_number(cn_colmap_database *database, const cn_photo_index *index, bool linked,
+                                        uint32_t i, uint32_t *number);
 /* Writes the names of n photos to a file, one a line, for COLMAP. */
 CN_NODISCARD cn_status cn_colmap_write_list(const cn_photo_index *index, bool linked, const char *path,
                                             const uint32_t *photos, uint32_t n);

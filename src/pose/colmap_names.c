@@ -39,6 +39,16 @@ char *cn_colmap_name(const cn_photo_index *index, bool linked, uint32_t i)
     return cn_format("%08u%s", i, extension);
 }
 
+cn_status cn_colmap_number(cn_colmap_database *database, const cn_photo_index *index, bool linked, uint32_t i,
+                           uint32_t *number)
+{
+    char *name = cn_colmap_name(index, linked, i);
+    if (!name) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    const cn_status status = cn_colmap_database_photo(database, name, number);
+    free(name);
+    return status;
+}
+
 cn_status cn_colmap_restore_names(cn_scene *scene, const cn_photo_index *index)
 {
     for (uint32_t i = 0; i < scene->n_views; i++) {

@@ -8,17 +8,6 @@
 
 enum { LEAST_PHOTOS = 3 };
 
-static cn_status read_numbers(const cn_colmap_job *j, cn_colmap_database *database, uint32_t *number)
-{
-    cn_status status = CN_OK;
-    for (uint32_t i = 0; i < j->index->n_photos && status == CN_OK; i++) {
-        char *name = cn_colmap_name(j->index, j->linked, i);
-        status = name ? cn_colmap_database_photo(database, name, &number[i]) : cn_fail(CN_ERR_NOMEM, "out of memory");
-        free(name);
-    }
-    return status;
-}
-
 /* number: COLMAP's of each photo. */
 static cn_status connect(const cn_photo_index *index, const uint32_t *number, const cn_colmap_verified *pairs, size_t n,
                          bool *connected)
@@ -51,7 +40,8 @@ static cn_status read(const cn_colmap_job *j, cn_colmap_database *database, bool
     uint32_t *number = calloc(j->index->n_photos + (size_t)1, sizeof *number);
     *connected = n ? malloc(j->index->n_photos + (size_t)1) : NULL;
     cn_status status = number && (*connected || !n) ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = read_numbers(j, database, number);
+    for (uint32_t i = 0; i < j->index->n_photos && status == CN_OK; i++)
+        status = cn_colmap_number(database, j->index, j->linked, i, &number[i]);
     if (status == CN_OK && n) status = connect(j->index, number, pairs, n, *connected);
     free(number);
     free(pairs);

@@ -102,10 +102,7 @@ static cn_status read_database(const cn_photo_index *index, const uint32_t *phot
     cn_status status = CN_OK;
     for (uint32_t i = 0; i < index->n_photos && status == CN_OK; i++) {
         const uint32_t p = photos ? photos[i] : i;
-        char *name = cn_colmap_name(index, linked, i);
-        status =
-            name ? cn_colmap_database_photo(database, name, &e->number[p]) : cn_fail(CN_ERR_NOMEM, "out of memory");
-        free(name);
+        status = cn_colmap_number(database, index, linked, i, &e->number[p]);
         e->read[p] = e->read[p] || e->number[p];
         if (status == CN_OK && e->number[p]) status = cn_colmap_database_count(database, e->number[p], &e->features[p]);
     }

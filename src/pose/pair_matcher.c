@@ -61,13 +61,8 @@ static void matcher_deinit(matcher *m)
 
 static cn_status find_photos(matcher *m)
 {
-    for (uint32_t i = 0; i < m->j->index->n_photos; i++) {
-        char *name = cn_colmap_name(m->j->index, m->j->linked, i);
-        cn_status status = name ? cn_colmap_database_photo(m->database, name, &m->photos[i].number)
-                                : cn_fail(CN_ERR_NOMEM, "out of memory");
-        free(name);
-        CN_TRY(status);
-    }
+    for (uint32_t i = 0; i < m->j->index->n_photos; i++)
+        CN_TRY(cn_colmap_number(m->database, m->j->index, m->j->linked, i, &m->photos[i].number));
     return CN_OK;
 }
 

@@ -59,10 +59,7 @@ static cn_status read_photo(retrieval *r, cn_colmap_database *database, uint32_t
     uint32_t number, n = 0;
     uint8_t *data = NULL;
     float *scale = NULL;
-    char *name = cn_colmap_name(r->j->index, r->j->linked, photo);
-    cn_status status =
-        name ? cn_colmap_database_photo(database, name, &number) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    free(name);
+    cn_status status = cn_colmap_number(database, r->j->index, r->j->linked, photo, &number);
     if (status == CN_OK && number) status = cn_colmap_database_descriptors(database, number, &data, &n);
     if (status == CN_OK && n) status = cn_colmap_database_scales(database, number, n, &scale);
     if (status == CN_OK && n) status = take_largest(r, photo, data, scale, n);

@@ -299,7 +299,7 @@ bool finite(float v)
     return !isnan(v) && !isinf(v);
 }
 
-const float LEAST_QUARTILE = 1e-4;
+const float LEAST_QUARTILE = 1e-4; // as in src/train/shade.c
 
 float error_of(vec3 rgb, vec3 wanted, float scale, out vec3 d)
 {

@@ -72,6 +72,15 @@ void colmap_database_add_keypoints(const char *path, uint32_t photo, const float
     sqlite3_close(base);
 }
 
+void colmap_database_relate(const char *path, uint32_t a, uint32_t b, uint32_t n)
+{
+    char sql[256];
+    const uint32_t first = a < b ? a : b, second = a < b ? b : a;
+    snprintf(sql, sizeof sql, "INSERT INTO two_view_geometries(pair_id, rows, cols, config) VALUES(%lld, %u, 2, 2)",
+             first * 2147483647LL + second, n);
+    colmap_database_run(path, sql);
+}
+
 int64_t colmap_database_ask(const char *path, const char *sql)
 {
     sqlite3 *base = open_base(path);

@@ -10,6 +10,8 @@ void colmap_database_make(const char *path);
 void colmap_database_add(const char *path, uint32_t photo, const char *name, const uint8_t *descriptors, uint32_t n);
 /* keypoints: x, y and an affine shape, n of them. */
 void colmap_database_add_keypoints(const char *path, uint32_t photo, const float (*keypoints)[6], uint32_t n);
+/* n verified matches of photos a and b. */
+void colmap_database_relate(const char *path, uint32_t a, uint32_t b, uint32_t n);
 /* Runs a statement with a number ?1 and two blobs ?2, ?3; b may be NULL. */
 void colmap_database_bind(const char *path, const char *sql, int64_t key, const void *a, size_t a_size, const void *b,
                           size_t b_size);

@@ -298,14 +298,6 @@ static void test_core(void **state)
     cn_colmap_result_deinit(&result);
 }
 
-static void match(const char *database, int a, int b)
-{
-    char sql[160];
-    snprintf(sql, sizeof sql, "INSERT INTO two_view_geometries(pair_id, rows, cols, config) VALUES(%lld, 90, 2, 2)",
-             2147483647LL * a + b);
-    colmap_database_run(database, sql);
-}
-
 /* A photo that matches no other gets no pose from the same matches. New features may match. */
 static void test_connected(void **state)
 {
@@ -315,8 +307,8 @@ static void test_connected(void **state)
     snprintf(made, sizeof made, "%s/made.db", folder);
     for (int i = 0; i < N; i++)
         colmap_database_add(made, (uint32_t)i + 1, photos[i].name, NULL, 0);
-    match(made, 1, 3);
-    match(made, 2, 3);
+    colmap_database_relate(made, 1, 3, 90);
+    colmap_database_relate(made, 2, 3, 90);
     write_program("*) give three;;");
     assert_int_equal(run(&result), CN_OK);
     assert_int_equal(calls("feature_extractor"), 2);
@@ -324,7 +316,7 @@ static void test_connected(void **state)
     cn_colmap_result_deinit(&result);
     /* With a match it is looked for again. */
     snprintf(made, sizeof made, "%s/poses/database.db", folder);
-    match(made, 3, 4);
+    colmap_database_relate(made, 3, 4, 90);
     assert_int_equal(run(&result), CN_OK);
     assert_int_equal(calls("mapper "), 4);
     cn_colmap_result_deinit(&result);

@@ -77,13 +77,9 @@ static void make_scene(void)
     seen[1] = (cn_observation){ 0, 32, 36 };
 }
 
-static void relate(int a, int b, int n)
+static void relate(uint32_t a, uint32_t b, uint32_t n)
 {
-    char sql[256];
-    const int first = a < b ? a : b, second = a < b ? b : a;
-    snprintf(sql, sizeof sql, "INSERT INTO two_view_geometries(pair_id, rows, cols, config) VALUES(%lld, %d, 2, 2)",
-             (first + 1) * 2147483647LL + second + 1, n);
-    colmap_database_run(database, sql);
+    colmap_database_relate(database, a + 1, b + 1, n);
 }
 
 static void make_database(void)

@@ -1,8 +1,8 @@
 /* Gradients with respect to densities, including the spread loss, against finite differences. */
+#include "effect/display.h"
 #include "loss/loss.h"
 #include "train/composite.h"
 #include "train/monitor.h"
-#include "effect/display.h"
 #include "train/shade.h"
 
 #include <setjmp.h>
@@ -168,8 +168,8 @@ static void errors_count_as_the_loss_weighs_them(void **state)
 }
 
 /* The errors of 17 rays, whose photos are grey and, for the last, white, before a black pixel: their third quartile is
- * that of the 13th, b. A ray's loss is 2 b (sqrt(1 + e / b) - 1), whose slope the gradient has to
- * be. Without it the gradient is that of e. */
+ * that of the 13th, b. A ray's loss is 2 b (sqrt(1 + e / b) - 1), whose slope the gradient has to be. Without this loss
+ * the gradient is that of e. */
 static void large_errors_count_less(void **state)
 {
     (void)state;
