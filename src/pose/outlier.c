@@ -13,6 +13,7 @@
 #include "pose/outlier.h"
 
 #include "math/linalg.h"
+#include "pose/lens.h"
 #include "pose/scene.h"
 
 #include <math.h>
@@ -30,6 +31,12 @@ enum { ONE_IN = 10, NAMED_AT_MOST = 10 };
  * take points away: photos of a rig that looks all around kept 1, 3 and 4 points, and one stood 600 units away. Right
  * poses of 19 sets have 24 at least (experiments.md, "Photos with a wrong pose"). */
 enum { FEWEST = 12 };
+
+/* Focal lengths, as shares of a picture's larger side, between which lenses lie: COLMAP's own limits, which its last
+ * adjustment may pass. A photo by a stranger, among four others, had 26 and stood ten times as far away as it should.
+ */
+#define SHORTEST_FOCAL 0.1
+#define LONGEST_FOCAL 10
 
 /* Of each view. first: of its errors in `errors`; n: of its errors; scratch: room to find a median. */
 typedef struct measures {
@@ -190,7 +197,21 @@ cn_status cn_pose_drop_outliers(const cn_context *ctx, cn_scene *scene)
     return status;
 }
 
-/* keep[i]: whether enough points that another view sees, too, hold view i. Returns how many views are to be dropped. */
+static double focal_px(const cn_scene *scene, uint32_t view)
+{
+    const cn_camera *camera = &scene->cameras[scene->views[view].camera];
+    const cn_lens_view lens = cn_lens_unpack(camera);
+    return lens.equirectangular ? size_px(scene, view) : lens.fx;
+}
+
+static bool is_real_lens(const cn_scene *scene, uint32_t view)
+{
+    const double focal = focal_px(scene, view) / size_px(scene, view);
+    return focal >= SHORTEST_FOCAL && focal <= LONGEST_FOCAL;
+}
+
+/* keep[i]: whether view i has a real lens, and enough points that another view sees, too, hold it. Returns how many
+ * views are to be dropped. */
 static uint32_t count_support(const cn_scene *scene, uint32_t *n_points, bool *keep)
 {
     uint32_t n_odd = 0;
@@ -201,10 +222,20 @@ static uint32_t count_support(const cn_scene *scene, uint32_t *n_points, bool *k
             n_points[scene->observations[(uint64_t)point->first_observation + i].view]++;
     }
     for (uint32_t i = 0; i < scene->n_views; i++) {
-        keep[i] = n_points[i] >= FEWEST;
+        keep[i] = n_points[i] >= FEWEST && is_real_lens(scene, i);
         n_odd += !keep[i];
     }
     return n_odd;
+}
+
+static void say_why(const cn_context *ctx, const cn_scene *scene, uint32_t view, uint32_t n_points)
+{
+    if (is_real_lens(scene, view))
+        cn_log(ctx, CN_LOG_WARN, "%s gets no pose: only %u sparse points hold the one that was found",
+               scene->views[view].name, n_points);
+    else
+        cn_log(ctx, CN_LOG_WARN, "%s gets no pose: no lens has the focal length that was found, %.0f px",
+               scene->views[view].name, focal_px(scene, view));
 }
 
 cn_status cn_pose_drop_unsupported(const cn_context *ctx, cn_scene *scene)
@@ -216,9 +247,7 @@ cn_status cn_pose_drop_unsupported(const cn_context *ctx, cn_scene *scene)
     /* Those that go take points along, which others may need. */
     while (status == CN_OK && (n_odd = count_support(scene, n_points, keep)) > 0 && scene->n_views >= n_odd + 2) {
         for (uint32_t i = 0; ctx && i < scene->n_views; i++)
-            if (!keep[i] && n_named++ < NAMED_AT_MOST)
-                cn_log(ctx, CN_LOG_WARN, "%s gets no pose: only %u sparse points hold the one that was found",
-                       scene->views[i].name, n_points[i]);
+            if (!keep[i] && n_named++ < NAMED_AT_MOST) say_why(ctx, scene, i, n_points[i]);
         status = cn_scene_keep_views(scene, keep);
         if (status == CN_OK) cn_scene_drop_errors(scene, INFINITY);
     }

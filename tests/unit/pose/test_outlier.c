@@ -159,6 +159,33 @@ static void test_points_hold_a_pose(void **state)
     hold(0, NULL, VIEWS - 1, "");
 }
 
+/* View 07 has a camera of its own, whose lens has that focal length. */
+static void see_through(double focal_px, uint32_t n_left, const char *says)
+{
+    cn_scene scene;
+    make(&scene, NOTHING, 0);
+    cn_camera *cameras = realloc(scene.cameras, 2 * sizeof *cameras);
+    assert_non_null(cameras);
+    cameras[1] = cameras[0];
+    cameras[1].params[0] = cameras[1].params[1] = focal_px;
+    scene.cameras = cameras;
+    scene.n_cameras = 2;
+    scene.views[ODD].camera = 1;
+    assert_int_equal(cn_pose_drop_unsupported(&CONTEXT, &scene), CN_OK);
+    assert_int_equal(scene.n_views, n_left);
+    assert_string_equal(logged, says);
+    cn_scene_deinit(&scene);
+}
+
+static void test_no_lens_is_that_long_or_short(void **state)
+{
+    (void)state;
+    see_through(8900, VIEWS, "");
+    see_through(9100, VIEWS - 1, "07.jpg gets no pose: no lens has the focal length that was found, 9100 px\n");
+    see_through(91, VIEWS, "");
+    see_through(89, VIEWS - 1, "07.jpg gets no pose: no lens has the focal length that was found, 89 px\n");
+}
+
 /* View 08 has 15 points, 5 of which only 07 sees, too. */
 static void test_what_goes_takes_points_along(void **state)
 {
@@ -212,6 +239,7 @@ int main(void)
         cmocka_unit_test(test_wrong_poses_go),
         cmocka_unit_test(test_little_is_left_alone),
         cmocka_unit_test(test_points_hold_a_pose),
+        cmocka_unit_test(test_no_lens_is_that_long_or_short),
         cmocka_unit_test(test_what_goes_takes_points_along),
         cmocka_unit_test(test_few_poses_stay),
     };
