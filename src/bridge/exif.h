@@ -5,7 +5,7 @@
 
 typedef struct cn_exif {
     bool has_latlon, has_altitude;
-    bool has_bad_gps; /* there are GPS tags, but not of a place on Earth (NaN, latitude 95) */
+    bool has_bad_gps; /* there are GPS tags, but not of a place where a camera can be (cn_exif_is_place) */
     double latitude_deg, longitude_deg, altitude_m; /* signs and references applied */
     /* Standard deviation of the position to the east, to the north and upwards, metres; 0: not stated. From XMP of
      * DJI and of Pix4D's namespace, which several makers write, or from EXIF's GPSHPositioningError. */
@@ -16,4 +16,11 @@ typedef struct cn_exif {
     char projection[32]; /* GPano:ProjectionType of XMP; "" if absent */
     bool is_adobe_rgb;   /* ColorSpace is "uncalibrated" and the interoperability index R03 */
 } cn_exif;
+
+/* Whether a camera can be there. Cameras without a fix write 0, 0, which lies in the Atlantic. */
+static inline bool cn_exif_is_place(double latitude_deg, double longitude_deg)
+{
+    const bool on_earth = latitude_deg >= -90 && latitude_deg <= 90 && longitude_deg >= -180 && longitude_deg <= 180;
+    return on_earth && (latitude_deg != 0 || longitude_deg != 0);
+}
 #endif

@@ -141,7 +141,7 @@ void read_gps(const Exiv2::ExifData &data, cn_exif *exif)
 {
     static const char latitude[] = "Exif.GPSInfo.GPSLatitude", longitude[] = "Exif.GPSInfo.GPSLongitude";
     const double lat = angle(data, latitude), lon = angle(data, longitude);
-    exif->has_latlon = std::fabs(lat) <= 90 && std::fabs(lon) <= 180;
+    exif->has_latlon = cn_exif_is_place(lat, lon);
     exif->has_bad_gps = (has(data, latitude) || has(data, longitude)) && !exif->has_latlon;
     if (exif->has_latlon) {
         exif->latitude_deg = starts_with(data, "Exif.GPSInfo.GPSLatitudeRef", 'S') ? -lat : lat;

@@ -90,7 +90,7 @@ void read_gps(const OIIO::ImageSpec &spec, cn_exif *exif)
 {
     double lat = kNaN, lon = kNaN;
     const bool placed = angle(spec, "GPS:Latitude", &lat) && angle(spec, "GPS:Longitude", &lon);
-    exif->has_latlon = placed && std::fabs(lat) <= 90 && std::fabs(lon) <= 180;
+    exif->has_latlon = placed && cn_exif_is_place(lat, lon);
     const bool tagged = spec.find_attribute("GPS:Latitude") || spec.find_attribute("GPS:Longitude");
     exif->has_bad_gps = tagged && !exif->has_latlon;
     if (exif->has_latlon) {

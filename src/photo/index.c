@@ -275,6 +275,25 @@ static cn_status mark_duplicates(scan *s, uint32_t n)
     return CN_OK;
 }
 
+static void tell_gps(const cn_context *ctx, const scan *s, uint32_t n, const cn_photo_index *index)
+{
+    uint32_t n_bad = 0, first = 0;
+    for (uint32_t i = n; i-- > 0;)
+        if (s->bad_gps[i] && !s->reasons[i]) {
+            n_bad++;
+            first = i;
+        }
+    if (n_bad)
+        cn_log(
+            ctx, CN_LOG_WARN,
+            "photos whose GPS is no place of a camera (0, 0 or not on Earth) are used without it: %u. The first is %s",
+            n_bad, s->names[first]);
+    if (!index->n_gps)
+        cn_log(ctx, CN_LOG_WARN, "no photo has GPS: the city has no place on Earth, and its unit is not the metre");
+    else if (index->n_gps < index->n_photos)
+        cn_log(ctx, CN_LOG_INFO, "%u of %u photos have GPS", index->n_gps, index->n_photos);
+}
+
 static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_index *index)
 {
     index->photos = calloc(n + 1u, sizeof *index->photos);
@@ -286,8 +305,6 @@ static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_in
             free_photo(&s->photos[i]);
         } else {
             index->n_gps += s->photos[i].has_gps;
-            if (s->bad_gps[i])
-                cn_log(ctx, CN_LOG_WARN, "%s: its GPS is not a place on Earth; used without GPS", s->names[i]);
             index->photos[index->n_photos++] = s->photos[i];
         }
         s->photos[i] = (cn_photo){ 0 };
@@ -298,10 +315,7 @@ static cn_status collect(const cn_context *ctx, scan *s, uint32_t n, cn_photo_in
                        "give the folder that holds the photos",
                        s->folder, n);
     if (index->n_rejects) cn_log(ctx, CN_LOG_WARN, "%u of %u photos left out", index->n_rejects, n);
-    if (!index->n_gps)
-        cn_log(ctx, CN_LOG_WARN, "no photo has GPS: the city has no place on Earth, and its unit is not the metre");
-    else if (index->n_gps < index->n_photos)
-        cn_log(ctx, CN_LOG_INFO, "%u of %u photos have GPS", index->n_gps, index->n_photos);
+    tell_gps(ctx, s, n, index);
     return CN_OK;
 }
 

@@ -141,6 +141,23 @@ static void no_place_on_earth_is_no_gps(void **state)
     assert_true(round_trip(alone).has_bad_gps);
 }
 
+/* Cameras without a fix write 0, 0. Both zeros are needed: the equator and Greenwich have cities. */
+static void zero_zero_is_no_gps(void **state)
+{
+    (void)state;
+    static const double zero[3] = { 0, 0, 0 };
+    for (int i = 0; i < 3; i++) {
+        const cn_oiio_attribute attributes[] = { { "GPS:Latitude", NULL, i == 1 ? LAT : zero, 3 },
+                                                 { "GPS:LatitudeRef", "N", NULL, 0 },
+                                                 { "GPS:Longitude", NULL, i == 2 ? LON : zero, 3 },
+                                                 { "GPS:LongitudeRef", "E", NULL, 0 },
+                                                 END };
+        const cn_exif exif = round_trip(attributes);
+        assert_int_equal(exif.has_latlon, i > 0);
+        assert_int_equal(exif.has_bad_gps, i == 0);
+    }
+}
+
 static void unknown_parts_of_a_position(void **state)
 {
     (void)state;
@@ -327,6 +344,7 @@ int main(void)
         cmocka_unit_test(hemispheres_give_signs),
         cmocka_unit_test(the_altitude_reference_is_applied),
         cmocka_unit_test(no_place_on_earth_is_no_gps),
+        cmocka_unit_test(zero_zero_is_no_gps),
         cmocka_unit_test(unknown_parts_of_a_position),
         cmocka_unit_test(exposure_and_lens_are_read),
         cmocka_unit_test(what_is_absent_or_zero_is_nan),
