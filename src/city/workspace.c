@@ -4,6 +4,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 char *cn_city_path(const cn_city *city, const char *name)
 {
@@ -73,6 +74,13 @@ static cn_status take_photos(const cn_context *ctx, const char *city, const cn_i
 
 static cn_status find_photos(const char *folder, char **photos)
 {
+    struct stat st;
+    if (stat(folder, &st) == 0 && !S_ISDIR(st.st_mode))
+        return cn_fail(
+            CN_ERR_DATA,
+            "%s is a file, not the folder that holds the photos; unpack an archive first, and give a film by "
+            "--video",
+            folder);
     if (cn_path_absolute(folder, photos) == CN_OK) return CN_OK;
     return cn_fail(CN_ERR_DATA, "the photo folder %s is not there; name the folder that holds the photos", folder);
 }

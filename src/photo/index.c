@@ -16,11 +16,16 @@
 #include <sys/stat.h>
 #include <time.h>
 
+/* Files of a kind that is not read. */
+typedef struct unread {
+    uint32_t n;
+    char first[256];
+} unread;
+
 typedef struct names {
     char **list;
     uint32_t n, room;
-    uint32_t n_unread; /* pictures of kinds that are not read */
-    char unread[256];  /* the first of them */
+    unread raw, films;
 } names;
 
 static bool ends_with_one_of(const char *name, const char *const *endings)
@@ -35,6 +40,8 @@ static const char *const photo_endings[] = { ".jpg",  ".jpeg", ".png",  ".tif", 
 /* Camera raw, and pictures that OpenImageIO reads badly or not at all. */
 static const char *const other_endings[] = { ".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf",
                                              ".pef", ".srw", ".gpr", ".gif", ".jxl", ".psd", NULL };
+static const char *const film_endings[] = { ".mp4",  ".mov", ".m4v", ".avi", ".mkv",
+                                            ".webm", ".mts", ".3gp", ".360", NULL };
 
 /* Replaces bytes that are not UTF-8 by '?', in place, because JSON must be UTF-8. True when there were none. */
 static bool make_utf8(char *text)
@@ -72,6 +79,11 @@ static cn_status add_name(names *all, char *name)
     return CN_OK;
 }
 
+static void count_unread(unread *kind, const char *name)
+{
+    if (!kind->n++) snprintf(kind->first, sizeof kind->first, "%s", name);
+}
+
 enum { MOST_DEEP = 16 }; /* depth of nested folders at most: links can make a loop */
 
 /* below: path of the folder relative to the root, "" at the root. */
@@ -92,8 +104,8 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
         /* A photo that does not exist (a dangling link) is listed too, so that it is reported as left out. */
         const bool file = full && (!known || S_ISREG(st.st_mode));
         const bool photo = file && ends_with_one_of(entry, photo_endings);
-        if (file && ends_with_one_of(entry, other_endings) && !all->n_unread++)
-            snprintf(all->unread, sizeof all->unread, "%s", name);
+        if (file && ends_with_one_of(entry, other_endings)) count_unread(&all->raw, name);
+        if (file && ends_with_one_of(entry, film_endings)) count_unread(&all->films, name);
         if (photo && status == CN_OK)
             status = add_name(all, name);
         else
@@ -334,13 +346,11 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
     return collect(ctx, s, n, index);
 }
 
-static void tell_unread(const cn_context *ctx, names *all)
+static void tell_unread(const cn_context *ctx, unread *kind, const char *advice)
 {
-    make_utf8(all->unread);
-    cn_log(
-        ctx, CN_LOG_WARN,
-        "left out %s%s: camera raw and such types are not read; develop them to JPEG or 16-bit TIFF, with their EXIF",
-        all->unread, all->n_unread > 1 ? " and others like it" : "");
+    if (!kind->n) return;
+    make_utf8(kind->first);
+    cn_log(ctx, CN_LOG_WARN, "left out %s%s: %s", kind->first, kind->n > 1 ? " and others like it" : "", advice);
 }
 
 void cn_photo_own_process(void)
@@ -363,7 +373,9 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
     s.bad_gps = calloc(all.n + 1u, sizeof *s.bad_gps);
     if (status == CN_OK && (!s.photos || !s.reasons || !s.bad_gps))
         status = cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
-    if (status == CN_OK && all.n_unread) tell_unread(ctx, &all);
+    tell_unread(ctx, &all.raw,
+                "camera raw and such types are not read; develop them to JPEG or 16-bit TIFF, with their EXIF");
+    tell_unread(ctx, &all.films, "a film; `conurb init CITY --video FILM` takes photos from one");
     if (status == CN_OK) status = scan_all(ctx, &s, all.n, index);
     for (uint32_t i = 0; i < all.n; i++) {
         if (s.photos) free_photo(&s.photos[i]);

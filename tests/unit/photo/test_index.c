@@ -74,7 +74,7 @@ static void write_bmp(scratch *s, const char *name)
     assert_int_equal(cn_file_write(scratch_path(s, name), bmp, sizeof bmp), CN_OK);
 }
 
-static void further_types_are_read_and_camera_raw_is_named(void **state)
+static void further_types_are_read_and_others_are_named(void **state)
 {
     scratch *s = *state;
     scratch_photo(s, "a.jpg", 1, NULL);
@@ -82,10 +82,12 @@ static void further_types_are_read_and_camera_raw_is_named(void **state)
     scratch_photo(s, "c.exr", 3, NULL);
     write_bmp(s, "d.BMP");
     assert_int_equal(cn_file_write(scratch_path(s, "e.CR3"), "raw", 3), CN_OK);
+    assert_int_equal(cn_file_write(scratch_path(s, "f.MOV"), "film", 4), CN_OK);
     cn_photo_index index = scan(s), again;
     assert_int_equal(index.n_photos, 4);
     assert_int_equal(index.photos[3].width, 2);
     assert_non_null(strstr(s->logged, "left out e.CR3: camera raw"));
+    assert_non_null(strstr(s->logged, "left out f.MOV: a film; `conurb init CITY --video FILM`"));
     assert_int_equal(cn_photo_index_save(&index, scratch_path(s, "photos.json")), CN_OK);
     assert_int_equal(cn_photo_index_load(&again, scratch_path(s, "photos.json")), CN_OK);
     for (int i = 0; i < 4; i++) {
@@ -378,9 +380,9 @@ static void files_that_are_no_index_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(further_types_are_read_and_camera_raw_is_named),
+        TEST(further_types_are_read_and_others_are_named),
         TEST(photos_are_found_in_order_of_name),
-        TEST(further_types_are_read_and_camera_raw_is_named),
+        TEST(further_types_are_read_and_others_are_named),
         TEST(damaged_and_duplicate_photos_are_named_and_left_out),
         TEST(turned_photos_have_their_upright_size),
         TEST(exif_is_kept),

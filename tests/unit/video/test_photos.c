@@ -307,6 +307,9 @@ static void test_init(void **state)
     options.photos = folder;
     assert_int_equal(cn_city_init(&CONTEXT, city, &options), CN_ERR_USAGE);
     assert_non_null(strstr(cn_error_message(), "not both"));
+    options = (cn_init_options){ .photos = film };
+    assert_int_equal(cn_city_init(&CONTEXT, city, &options), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "is a file, not the folder that holds the photos"));
     free(city);
     free(taken);
 }
