@@ -1,15 +1,15 @@
 #include "fake.h"
 
+#include "../common.h"
 #include "base/file.h"
 
-#include <ftw.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-static char dir[64], said[8192];
+static char dir[64], said[LOGGED];
 
 static void need(bool good, const char *what)
 {
@@ -18,14 +18,7 @@ static void need(bool good, const char *what)
     exit(1);
 }
 
-static void keep(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(said + strlen(said), sizeof said - strlen(said), "%s\n", text);
-}
-
-cn_context fake_ctx = { .log = keep };
+cn_context fake_ctx = { .log = log_append, .user = said };
 
 void fake_begin(void)
 {
@@ -34,17 +27,9 @@ void fake_begin(void)
     need(mkdtemp(dir) != NULL, "mkdtemp");
 }
 
-static int remove_one(const char *path, const struct stat *info, int type, struct FTW *at)
-{
-    (void)info;
-    (void)type;
-    (void)at;
-    return remove(path);
-}
-
 void fake_end(void)
 {
-    need(nftw(dir, remove_one, 16, FTW_DEPTH | FTW_PHYS) == 0, "removing the folder");
+    need(folder_remove(dir) == 0, "removing the folder");
 }
 
 const char *fake_dir(void)

@@ -4,10 +4,10 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "bridge/oiio.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,14 +16,6 @@
 enum { W = 40, H = 24 };
 static char folder[] = "/tmp/conurb-oiio-XXXXXX";
 static float rgb[W * H * 3], rgba[W * H * 4], depth[W * H];
-
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
 
 static int set_up(void **state)
 {
@@ -39,7 +31,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    return nftw(folder, remove_entry, 8, FTW_DEPTH | FTW_PHYS);
+    return folder_remove(folder);
 }
 
 static const char *file(const char *name)

@@ -3,31 +3,24 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/units.h"
 #include "conurb/path.h"
 #include "math/linalg.h"
 
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #define assert_near(value, want, tolerance) assert_true(fabs((double)(value) - (want)) <= (tolerance))
 
-static char file[] = "/tmp/conurb_path_XXXXXX";
-
 static cn_status load(cn_path *path, const char *text, const cn_frame *frame)
 {
-    FILE *stream = fopen(file, "w");
-    assert_non_null(stream);
-    fputs(text, stream);
-    fclose(stream);
+    text_file_write(text);
     cn_path_options options = cn_path_options_default();
     options.frame = frame;
     options.width = 160;
     options.height = 90;
-    return cn_path_load(path, file, &options);
+    return cn_path_load(path, text_file, &options);
 }
 
 static cn_frame local_frame(void)
@@ -203,7 +196,7 @@ static void bad_paths_are_refused_by_name(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         cn_path path;
         assert_int_equal(load(&path, cases[i].text, &frame), CN_ERR_FORMAT);
-        assert_non_null(strstr(cn_error_message(), file));
+        assert_non_null(strstr(cn_error_message(), text_file));
         if (!strstr(cn_error_message(), cases[i].said)) fail_msg("case %zu: %s", i, cn_error_message());
         assert_null(path.frames);
     }
@@ -242,19 +235,6 @@ static void all_directions(void **state)
     cn_path_deinit(&path);
 }
 
-static int make_file(void **state)
-{
-    (void)state;
-    int fd = mkstemp(file);
-    return fd < 0 ? -1 : close(fd);
-}
-
-static int remove_file(void **state)
-{
-    (void)state;
-    return unlink(file);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -266,5 +246,5 @@ int main(void)
         cmocka_unit_test(all_directions),
         cmocka_unit_test(bad_paths_are_refused_by_name),
     };
-    return cmocka_run_group_tests(tests, make_file, remove_file);
+    return cmocka_run_group_tests(tests, text_file_make, text_file_remove);
 }

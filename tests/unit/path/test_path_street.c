@@ -3,25 +3,18 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "ground.h"
 #include "path/path.h"
 
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #define assert_near(value, want, tolerance) assert_true(fabs((double)(value) - (want)) <= (tolerance))
 
-static char file[] = "/tmp/conurb_street_XXXXXX";
-
 static cn_status load(cn_path *path, const char *text, const cn_path_options *options)
 {
-    FILE *stream = fopen(file, "w");
-    assert_non_null(stream);
-    fputs(text, stream);
-    fclose(stream);
-    return cn_path_load(path, file, options);
+    text_file_write(text);
+    return cn_path_load(path, text_file, options);
 }
 
 static void centre_of(const cn_path *path, uint32_t i, double centre[3])
@@ -158,7 +151,7 @@ static void bad_streets_are_refused_by_name(void **state)
     cn_path path;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         if (load(&path, cases[i].text, &options) != CN_ERR_FORMAT) fail_msg("case %zu was taken", i);
-        assert_non_null(strstr(cn_error_message(), file));
+        assert_non_null(strstr(cn_error_message(), text_file));
         if (!strstr(cn_error_message(), cases[i].said)) fail_msg("case %zu: %s", i, cn_error_message());
         assert_null(path.frames);
     }
@@ -184,19 +177,6 @@ static void smooth_heights_stay_clear(void **state)
     assert_near(one, 4, 1e-12);
 }
 
-static int make_file(void **state)
-{
-    (void)state;
-    int fd = mkstemp(file);
-    return fd < 0 ? -1 : close(fd);
-}
-
-static int remove_file(void **state)
-{
-    (void)state;
-    return unlink(file);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -206,5 +186,5 @@ int main(void)
         cmocka_unit_test(bad_streets_are_refused_by_name),
         cmocka_unit_test(smooth_heights_stay_clear),
     };
-    return cmocka_run_group_tests(tests, make_file, remove_file);
+    return cmocka_run_group_tests(tests, text_file_make, text_file_remove);
 }

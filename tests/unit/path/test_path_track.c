@@ -3,24 +3,17 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "ground.h"
 
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #define assert_near(value, want, tolerance) assert_true(fabs((double)(value) - (want)) <= (tolerance))
 
-static char file[] = "/tmp/conurb_track_XXXXXX";
-
 static cn_status load(cn_path *path, const char *text, const cn_path_options *options)
 {
-    FILE *stream = fopen(file, "w");
-    assert_non_null(stream);
-    fputs(text, stream);
-    fclose(stream);
-    return cn_path_load(path, file, options);
+    text_file_write(text);
+    return cn_path_load(path, text_file, options);
 }
 
 #define KML(INSIDE)                                                                                                    \
@@ -135,26 +128,13 @@ static void bad_tracks_are_refused_by_line(void **state)
     cn_path path;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         if (load(&path, cases[i].text, &options) != CN_ERR_FORMAT) fail_msg("case %zu was taken", i);
-        assert_non_null(strstr(cn_error_message(), file));
+        assert_non_null(strstr(cn_error_message(), text_file));
         if (!strstr(cn_error_message(), cases[i].said)) fail_msg("case %zu: %s", i, cn_error_message());
         assert_null(path.frames);
     }
     options.frame = &nowhere;
     assert_int_equal(load(&path, KML("<altitudeMode>absolute</altitudeMode>" POINTS), &options), CN_ERR_FORMAT);
     assert_non_null(strstr(cn_error_message(), "no GPS"));
-}
-
-static int make_file(void **state)
-{
-    (void)state;
-    int fd = mkstemp(file);
-    return fd < 0 ? -1 : close(fd);
-}
-
-static int remove_file(void **state)
-{
-    (void)state;
-    return unlink(file);
 }
 
 int main(void)
@@ -165,5 +145,5 @@ int main(void)
         cmocka_unit_test(the_sea_is_not_the_ellipsoid),
         cmocka_unit_test(bad_tracks_are_refused_by_line),
     };
-    return cmocka_run_group_tests(tests, make_file, remove_file);
+    return cmocka_run_group_tests(tests, text_file_make, text_file_remove);
 }

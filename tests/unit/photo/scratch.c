@@ -8,17 +8,13 @@
 #include "base/file.h"
 #include "base/rng.h"
 
-#include <ftw.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 static void note(void *user, cn_log_level level, const char *text)
 {
-    (void)level;
-    scratch *s = user;
-    const size_t used = strlen(s->logged);
-    snprintf(s->logged + used, sizeof s->logged - used, "%s\n", text);
+    log_append(((scratch *)user)->logged, level, text);
 }
 
 static void report(void *user, const cn_progress_report *r)
@@ -40,18 +36,10 @@ int scratch_set_up(void **state)
     return 0;
 }
 
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
-
 int scratch_tear_down(void **state)
 {
     scratch *s = *state;
-    const int failed = nftw(s->folder, remove_entry, 8, FTW_DEPTH | FTW_PHYS);
+    const int failed = folder_remove(s->folder);
     cn_pool_destroy(&s->pool);
     free(s);
     return failed;

@@ -1,13 +1,14 @@
 /* A folder for a test's own photos, and a context that remembers what was logged. Include after cmocka. */
 #ifndef CONURB_TEST_PHOTO_SCRATCH_H
 #define CONURB_TEST_PHOTO_SCRATCH_H
+#include "../common.h"
 #include "bridge/oiio.h"
 #include "conurb/photo.h"
 
 enum { SCRATCH_W = 48, SCRATCH_H = 32 };
 typedef struct scratch {
     char folder[64];
-    char logged[8192];
+    char logged[LOGGED];
     int reports;        /* of progress */
     double last, total; /* of the last report */
     cn_context context;

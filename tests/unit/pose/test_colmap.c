@@ -4,15 +4,16 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "bridge/oiio.h"
 #include "conurb/pose.h"
+#include "fake_colmap.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
 #include "pose/scene.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <poll.h>
 #include <signal.h>
@@ -25,17 +26,10 @@
 #include <unistd.h>
 
 enum { N = 4 };
-static char folder[64], program[96], work[96], frame_path[96], model[96], logged[8192];
+static char folder[64], program[96], work[96], frame_path[96], model[96], logged[LOGGED];
 static cn_photo photos[N];
 static cn_photo_index photo_index;
 static int n_progress;
-
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
 
 static void count(void *user, const cn_progress_report *report)
 {
@@ -46,15 +40,7 @@ static void count(void *user, const cn_progress_report *report)
 }
 
 static int stop;
-static const cn_context CONTEXT = { .log = note, .progress = count, .stop = &stop };
-
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
+static const cn_context CONTEXT = { .log = log_append, .user = logged, .progress = count, .stop = &stop };
 
 /* A model of photos 0 to 2, and one of 0 alone, for the script to hand out. */
 static void make_models(void)
@@ -75,14 +61,10 @@ static void make_models(void)
 
 static void write_program(const char *body)
 {
-    FILE *file = fopen(program, "w");
-    assert_non_null(file);
-    fprintf(file,
-            "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
-            "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n%s\n",
-            folder, body);
-    assert_int_equal(fclose(file), 0);
-    assert_int_equal(chmod(program, 0755), 0);
+    fake_colmap_write(program,
+                      "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+                      "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n%s\n",
+                      folder, body);
 }
 
 static void write_good_program(void)
@@ -100,7 +82,7 @@ static void write_good_program(void)
 static int set_up(void **state)
 {
     (void)state;
-    static char names[N][16], images[96];
+    static char images[96];
     strcpy(folder, "/tmp/conurb-run-XXXXXX");
     if (!mkdtemp(folder)) return -1;
     snprintf(program, sizeof program, "%s/colmap", folder);
@@ -108,17 +90,7 @@ static int set_up(void **state)
     snprintf(frame_path, sizeof frame_path, "%s/frame.json", folder);
     snprintf(model, sizeof model, "%s/given", folder);
     snprintf(images, sizeof images, "%s/images", folder);
-    for (int i = 0; i < N; i++) {
-        snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
-        photos[i] = (cn_photo){ .name = names[i],
-                                .width = 640,
-                                .height = 480,
-                                .orientation = 1,
-                                .camera = "",
-                                .focal_mm = NAN,
-                                .focal_35mm = NAN,
-                                .hash = (uint64_t)i };
-    }
+    fake_colmap_photos(photos, N, 640, 480);
     photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N };
     logged[0] = '\0';
     stop = 0;
@@ -130,7 +102,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    return folder_remove(folder);
 }
 
 static cn_status run(cn_pose_report *report)
@@ -146,15 +118,7 @@ static cn_status run(cn_pose_report *report)
 
 static size_t calls(const char *word)
 {
-    char path[128], *text;
-    size_t size, n = 0;
-    snprintf(path, sizeof path, "%s/calls", folder);
-    if (!cn_file_exists(path)) return 0;
-    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
-    for (char *at = text; (at = strstr(at, word)); at++)
-        n++;
-    free(text);
-    return n;
+    return file_count(folder, "calls", word);
 }
 
 static bool is_finished(void)

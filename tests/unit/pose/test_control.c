@@ -4,6 +4,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "base/rng.h"
 #include "base/units.h"
@@ -21,18 +22,11 @@
 enum { WIDTH = 640, HEIGHT = 480, N_VIEWS = 24, N_POINTS = 150, N_CONTROL = 9 };
 static const double LATITUDE = 47.5, LONGITUDE = 8.25, UP = 450;
 
-static char path[] = "/tmp/conurb-control-XXXXXX", logged[8192], names[N_VIEWS][16];
+static char path[] = "/tmp/conurb-control-XXXXXX", logged[LOGGED], names[N_VIEWS][16];
 static cn_photo photos[N_VIEWS];
 static cn_photo_index photo_index;
 
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    const size_t n = strlen(logged);
-    snprintf(logged + n, sizeof logged - n, "%s\n", text);
-}
-static const cn_context CONTEXT = { .log = note };
+static const cn_context CONTEXT = { .log = log_append, .user = logged };
 
 static int set_up(void **state)
 {

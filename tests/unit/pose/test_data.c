@@ -5,11 +5,11 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "conurb/pose.h"
 #include "math/linalg.h"
 #include "pose/scene.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,16 +18,9 @@
 #include <unistd.h>
 
 static const char *data;
-static char logged[8192];
+static char logged[LOGGED];
 
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
-
-static const cn_context CONTEXT = { .log = note };
+static const cn_context CONTEXT = { .log = log_append, .user = logged };
 
 /* One import from photos to a loaded scene. */
 typedef struct imported {
@@ -37,14 +30,6 @@ typedef struct imported {
     cn_scene scene;
     cn_frame frame;
 } imported;
-
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
 
 static void import(imported *in, const char *photos, const char *poses)
 {
@@ -74,7 +59,7 @@ static void forget(imported *in)
     cn_scene_deinit(&in->scene);
     cn_pose_report_deinit(&in->report);
     cn_photo_index_deinit(&in->index);
-    nftw(in->folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    folder_remove(in->folder);
 }
 
 /* Mean distance of the sparse points' projections from where they were seen. */
@@ -249,7 +234,7 @@ static void test_photo_from_outside(void **state)
     cn_scene_deinit(&scene);
     cn_photo_index_deinit(&index);
     cn_pool_destroy(&pool);
-    nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    folder_remove(folder);
 }
 
 /* Every 97th length of each file of a real model: refused, never believed. */
@@ -280,7 +265,7 @@ static void test_truncated_brighton(void **state)
         }
     }
     cn_scene_deinit(&scene);
-    nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    folder_remove(folder);
 }
 
 int main(void)

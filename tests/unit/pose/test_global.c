@@ -5,14 +5,14 @@
 #include <cmocka.h>
 
 #include "../bridge/colmap_database.h"
-#include "base/file.h"
+#include "../common.h"
 #include "bridge/ceres.h"
+#include "fake_colmap.h"
 #include "math/linalg.h"
 #include "pose/global.h"
 #include "pose/ladder.h"
 #include "pose/view_graph.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -26,16 +26,10 @@ enum { N = 12, POINTS = 300, WRONG = 4 /* of every 5 pairs, one */ };
 static double centres[N][3], rotations[N][9], points[POINTS][3];
 static float places[N][POINTS][2];
 static cn_photo photos[N];
-static char names[N][16], path[64], logged[2048];
+static char names[N][16], path[64], logged[LOGGED];
 static const cn_photo_index photo_index = { .folder = "photos", .photos = photos, .n_photos = N };
 
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
-static const cn_context CONTEXT = { .log = note };
+static const cn_context CONTEXT = { .log = log_append, .user = logged };
 
 /* The same numbers at each run. */
 static double draw(void)
@@ -411,30 +405,20 @@ static char folder[64], program[96], work[96];
 /* fails: words of a case of the script that then ends with 1; "": none. */
 static void write_program(const char *fails)
 {
-    FILE *file = fopen(program, "w");
-    assert_non_null(file);
-    fprintf(file,
-            "#!/bin/sh\necho \"$@\" >> %s/calls\n"
-            "for a; do [ \"$b\" = --output_path ] && out=$a; [ \"$b\" = --input_path ] && in=$a; "
-            "[ \"$b\" = --database_path ] && db=$a; b=$a; done\n"
-            "case $1 in\n%s) echo 'ERROR: no memory'; exit 1;;\nfeature_extractor) cp %s $db;;\n"
-            "point_triangulator|bundle_adjuster) cp $in/* $out;;\n"
-            "mapper) if [ $in ]; then cp $in/* $out; else cp -r %s/poses/sparse-global-placed $out/0; fi;;\nesac\n",
-            folder, *fails ? fails : "none", path, folder);
-    assert_int_equal(fclose(file), 0);
-    assert_int_equal(chmod(program, 0755), 0);
+    fake_colmap_write(
+        program,
+        "#!/bin/sh\necho \"$@\" >> %s/calls\n"
+        "for a; do [ \"$b\" = --output_path ] && out=$a; [ \"$b\" = --input_path ] && in=$a; "
+        "[ \"$b\" = --database_path ] && db=$a; b=$a; done\n"
+        "case $1 in\n%s) echo 'ERROR: no memory'; exit 1;;\nfeature_extractor) cp %s $db;;\n"
+        "point_triangulator|bundle_adjuster) cp $in/* $out;;\n"
+        "mapper) if [ $in ]; then cp $in/* $out; else cp -r %s/poses/sparse-global-placed $out/0; fi;;\nesac\n",
+        folder, *fails ? fails : "none", path, folder);
 }
 
 static size_t calls(const char *word)
 {
-    char name[128], *text;
-    size_t size, n = 0;
-    snprintf(name, sizeof name, "%s/calls", folder);
-    assert_int_equal(cn_file_read(name, 0, &text, &size), CN_OK);
-    for (char *at = text; (at = strstr(at, word)); at++)
-        n++;
-    free(text);
-    return n;
+    return file_count(folder, "calls", word);
 }
 
 static cn_status pose(cn_mapper mapper, cn_colmap_result *result, cn_colmap_choice *choice)
@@ -451,14 +435,6 @@ static cn_status pose(cn_mapper mapper, cn_colmap_result *result, cn_colmap_choi
     return cn_colmap_poses(&task, result);
 }
 
-static int remove_entry(const char *name, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(name);
-}
-
 static void begin(void)
 {
     strcpy(folder, "/tmp/conurb-global-run-XXXXXX");
@@ -472,7 +448,7 @@ static void begin(void)
 static void end(void)
 {
     unlink(path);
-    assert_int_equal(nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS), 0);
+    assert_int_equal(folder_remove(folder), 0);
 }
 
 /* COLMAP is given the poses, and maps nothing itself; a second run does nothing again. */

@@ -6,42 +6,26 @@
 #include <cmocka.h>
 
 #include "../bridge/colmap_database.h"
+#include "../common.h"
 #include "base/file.h"
 #include "conurb/pose.h"
+#include "fake_colmap.h"
 #include "pose/scene.h"
 
-#include <ftw.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 enum { N = 16, HALF = N / 2 };
 #define STEP_M 10.0
 #define METRES_PER_DEGREE 111320.0
 
-static char folder[64], program[96], work[96], frame_file[96], import[96], logged[8192];
+static char folder[64], program[96], work[96], frame_file[96], import[96], logged[LOGGED];
 static cn_photo photos[N];
 static cn_photo_index photo_index;
 static cn_pose_options options;
 
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
-
-static const cn_context CONTEXT = { .log = note };
-
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
+static const cn_context CONTEXT = { .log = log_append, .user = logged };
 
 /* Photo i stands i steps along a street to the north, which bends a little to the east. */
 static void place(int i, double at[2])
@@ -80,22 +64,18 @@ static void make_model(const char *name, int broken)
 
 static void write_program(const char *mapper)
 {
-    FILE *file = fopen(program, "w");
-    assert_non_null(file);
-    fprintf(file,
-            "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
-            "[ \"$last\" = --database_path ] && [ ! -e $a ] && cp %s/made.db $a; last=$a; done\n"
-            "give() { mkdir -p $out/0; cp %s/$1/* $out/0; }\n"
-            "case $1 in\nmapper) %s;;\nesac\n",
-            folder, folder, folder, mapper);
-    assert_int_equal(fclose(file), 0);
-    assert_int_equal(chmod(program, 0755), 0);
+    fake_colmap_write(program,
+                      "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+                      "[ \"$last\" = --database_path ] && [ ! -e $a ] && cp %s/made.db $a; last=$a; done\n"
+                      "give() { mkdir -p $out/0; cp %s/$1/* $out/0; }\n"
+                      "case $1 in\nmapper) %s;;\nesac\n",
+                      folder, folder, folder, mapper);
 }
 
 static int set_up(void **state)
 {
     (void)state;
-    static char names[N][16], images[96];
+    static char images[96];
     char made[96];
     strcpy(folder, "/tmp/conurb-check-XXXXXX");
     if (!mkdtemp(folder)) return -1;
@@ -103,23 +83,14 @@ static int set_up(void **state)
     snprintf(work, sizeof work, "%s/poses", folder);
     snprintf(frame_file, sizeof frame_file, "%s/frame.json", folder);
     snprintf(images, sizeof images, "%s/images", folder);
+    fake_colmap_photos(photos, N, 640, 480);
     for (int i = 0; i < N; i++) {
         double at[2];
         place(i, at);
-        snprintf(names[i], sizeof names[i], "%02d.jpg", i);
-        photos[i] = (cn_photo){ .name = names[i],
-                                .width = 640,
-                                .height = 480,
-                                .orientation = 1,
-                                .camera = "",
-                                .has_gps = true,
-                                .has_altitude = true,
-                                .altitude_m = 50.0 - 0.01 * (i % 3),
-                                .latitude_deg = at[1] / METRES_PER_DEGREE,
-                                .longitude_deg = 10.0 + at[0] / METRES_PER_DEGREE,
-                                .focal_mm = NAN,
-                                .focal_35mm = NAN,
-                                .hash = (uint64_t)i };
+        photos[i].has_gps = photos[i].has_altitude = true;
+        photos[i].altitude_m = 50.0 - 0.01 * (i % 3);
+        photos[i].latitude_deg = at[1] / METRES_PER_DEGREE;
+        photos[i].longitude_deg = 10.0 + at[0] / METRES_PER_DEGREE;
     }
     photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N, .n_gps = N };
     options = cn_pose_options_default();
@@ -141,19 +112,13 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    return folder_remove(folder);
 }
 
 /* report.json has this text. */
 static bool reported(const char *says)
 {
-    char path[128], *text;
-    size_t size;
-    snprintf(path, sizeof path, "%s/report.json", work);
-    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
-    const bool found = strstr(text, says) != NULL;
-    free(text);
-    return found;
+    return file_count(work, "report.json", says) > 0;
 }
 
 static bool called(void)

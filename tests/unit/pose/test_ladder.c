@@ -5,12 +5,13 @@
 #include <cmocka.h>
 
 #include "../bridge/colmap_database.h"
+#include "../common.h"
 #include "base/file.h"
 #include "conurb/pose.h"
+#include "fake_colmap.h"
 #include "pose/ladder.h"
 #include "pose/scene.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,27 +19,12 @@
 #include <sys/stat.h>
 
 enum { N = 4, MANY = 12, MOST_POINTS = 20 };
-static char folder[64], program[96], work[96], logged[8192];
+static char folder[64], program[96], work[96], logged[LOGGED];
 static cn_photo photos[MANY];
 static cn_photo_index photo_index;
 static cn_pose_options options;
 
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
-
-static const cn_context CONTEXT = { .log = note };
-
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
+static const cn_context CONTEXT = { .log = log_append, .user = logged };
 
 /* FOLDER/NAME: a model of the first n photos, whose points are off_px from where they were seen. */
 static void make_points(const char *name, uint32_t n, uint32_t n_points, const cn_camera *camera, double off_px)
@@ -68,18 +54,14 @@ static void make_model(const char *name, uint32_t n, const cn_camera *camera, do
 /* The script: `mappers` are cases of $out, the folder that the mapper fills. */
 static void write_program(const char *mappers)
 {
-    FILE *file = fopen(program, "w");
-    assert_non_null(file);
-    fprintf(file,
-            "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
-            "[ \"$last\" = --database_path ] && [ ! -e $a ] && cp %s/made.db $a; last=$a; done\n"
-            "none() { echo 'ERROR: failed to create sparse model'; exit 1; }\n"
-            "give() { mkdir -p $out/0; cp %s/$1/* $out/0; }\n"
-            "case $1 in\nmapper) case $out in\n%s\nesac;;\n"
-            "bundle_adjuster) cp ${out}-start/* $out;;\nesac\n",
-            folder, folder, folder, mappers);
-    assert_int_equal(fclose(file), 0);
-    assert_int_equal(chmod(program, 0755), 0);
+    fake_colmap_write(program,
+                      "#!/bin/sh\necho \"$@\" >> %s/calls\nout=\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+                      "[ \"$last\" = --database_path ] && [ ! -e $a ] && cp %s/made.db $a; last=$a; done\n"
+                      "none() { echo 'ERROR: failed to create sparse model'; exit 1; }\n"
+                      "give() { mkdir -p $out/0; cp %s/$1/* $out/0; }\n"
+                      "case $1 in\nmapper) case $out in\n%s\nesac;;\n"
+                      "bundle_adjuster) cp ${out}-start/* $out;;\nesac\n",
+                      folder, folder, folder, mappers);
 }
 
 /* fx fy cx cy k1 k2 p1 p2 = 2 1 1 1 1 1 1 1 */
@@ -92,24 +74,14 @@ static int set_up(void **state)
 {
     (void)state;
     char made[96];
-    static char names[MANY][16], images[96];
+    static char images[96];
     const cn_camera camera = { 1, CN_LENS_PINHOLE, 640, 480, { 500, 500, 320, 240 } };
     strcpy(folder, "/tmp/conurb-ladder-XXXXXX");
     if (!mkdtemp(folder)) return -1;
     snprintf(program, sizeof program, "%s/colmap", folder);
     snprintf(work, sizeof work, "%s/poses", folder);
     snprintf(images, sizeof images, "%s/images", folder);
-    for (int i = 0; i < MANY; i++) {
-        snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
-        photos[i] = (cn_photo){ .name = names[i],
-                                .width = 640,
-                                .height = 480,
-                                .orientation = 1,
-                                .camera = "",
-                                .focal_mm = NAN,
-                                .focal_35mm = NAN,
-                                .hash = (uint64_t)i };
-    }
+    fake_colmap_photos(photos, MANY, 640, 480);
     photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N };
     options = cn_pose_options_default();
     options.match_with = CN_MATCH_WITH_COLMAP;
@@ -129,7 +101,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    return folder_remove(folder);
 }
 
 static cn_status run(cn_colmap_result *result)
@@ -140,14 +112,7 @@ static cn_status run(cn_colmap_result *result)
 
 static size_t calls(const char *word)
 {
-    char path[128], *text;
-    size_t size, n = 0;
-    snprintf(path, sizeof path, "%s/calls", folder);
-    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
-    for (char *at = text; (at = strstr(at, word)); at++)
-        n++;
-    free(text);
-    return n;
+    return file_count(folder, "calls", word);
 }
 
 static bool ends_with(const char *text, const char *end)

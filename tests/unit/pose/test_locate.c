@@ -5,13 +5,14 @@
 #include <cmocka.h>
 
 #include "../bridge/colmap_database.h"
+#include "../common.h"
 #include "base/file.h"
 #include "bridge/oiio.h"
+#include "fake_colmap.h"
 #include "kernel/kernel.h"
 #include "conurb/pose.h"
 #include "math/linalg.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -24,14 +25,6 @@ static char folder[64], program[96], dir[96], work[96], frame_path[96], query_pa
 static cn_photo photos[N];
 static cn_photo_index photo_index;
 static cn_camera camera = { 1, CN_LENS_SIMPLE_RADIAL, 64, 48, { 50, 32, 24, 0.01 } };
-
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
 
 /* Cameras on a line, which says nothing of the turn about it, each turned another way; and the query photo above it. */
 static void view_of(int i, cn_view *view)
@@ -59,15 +52,11 @@ static void write_model(const char *name, bool with_query)
 
 static void write_program(const char *registrator)
 {
-    FILE *file = fopen(program, "w");
-    assert_non_null(file);
-    fprintf(file,
-            "#!/bin/sh\necho \"$@\" >> %s/calls\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
-            "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\ncase $1 in\n"
-            "mapper) cp -r %s/without $out/0;;\nimage_registrator) %s;;\nesac\n",
-            folder, folder, registrator);
-    assert_int_equal(fclose(file), 0);
-    assert_int_equal(chmod(program, 0755), 0);
+    fake_colmap_write(program,
+                      "#!/bin/sh\necho \"$@\" >> %s/calls\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+                      "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\ncase $1 in\n"
+                      "mapper) cp -r %s/without $out/0;;\nimage_registrator) %s;;\nesac\n",
+                      folder, folder, registrator);
 }
 
 static void write_registrator(const char *model)
@@ -80,7 +69,6 @@ static void write_registrator(const char *model)
 static int set_up(void **state)
 {
     (void)state;
-    static char names[N][16];
     static float rgb[64 * 48 * 3];
     strcpy(folder, "/tmp/conurb-locate-XXXXXX");
     if (!mkdtemp(folder)) return -1;
@@ -89,17 +77,7 @@ static int set_up(void **state)
     snprintf(work, sizeof work, "%s/work", folder);
     snprintf(frame_path, sizeof frame_path, "%s/frame.json", folder);
     snprintf(query_path, sizeof query_path, "%s/a dusk.png", folder);
-    for (int i = 0; i < N; i++) {
-        snprintf(names[i], sizeof names[i], "%c.jpg", 'a' + i);
-        photos[i] = (cn_photo){ .name = names[i],
-                                .width = 64,
-                                .height = 48,
-                                .orientation = 1,
-                                .camera = "",
-                                .focal_mm = NAN,
-                                .focal_35mm = NAN,
-                                .hash = (uint64_t)i };
-    }
+    fake_colmap_photos(photos, N, 64, 48);
     photo_index = (cn_photo_index){ .folder = folder, .photos = photos, .n_photos = N };
     for (size_t i = 0; i < sizeof rgb / sizeof *rgb; i++)
         rgb[i] = (float)(i % 7) / 7;
@@ -113,19 +91,12 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    return folder_remove(folder);
 }
 
 static bool was_called(const char *word)
 {
-    char path[128], *text;
-    size_t size;
-    snprintf(path, sizeof path, "%s/calls", folder);
-    if (!cn_file_exists(path)) return false;
-    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
-    const bool found = strstr(text, word) != NULL;
-    free(text);
-    return found;
+    return file_count(folder, "calls", word) > 0;
 }
 
 static void make_poses(cn_pose_options *options, cn_scene *scene)

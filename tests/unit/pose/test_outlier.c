@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "pose/outlier.h"
 #include "pose/scene.h"
 
@@ -12,16 +13,9 @@
 
 enum { VIEWS = 20, POINTS = 100, SEEN = 10, LONELY = 4, ODD = 7 };
 
-static char logged[1024];
+static char logged[LOGGED];
 
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
-
-static const cn_context CONTEXT = { .log = note };
+static const cn_context CONTEXT = { .log = log_append, .user = logged };
 
 /* What is odd about the views from ODD on. All but NOTHING see SEEN points only. */
 typedef enum oddity { NOTHING, FEW, LARGE_ERRORS, OTHER_SIDE, FAR_AWAY } oddity;

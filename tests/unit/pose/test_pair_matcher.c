@@ -5,8 +5,9 @@
 #include <cmocka.h>
 
 #include "../bridge/colmap_database.h"
-#include "base/file.h"
+#include "../common.h"
 #include "base/rng.h"
+#include "fake_colmap.h"
 #include "pose/colmap.h"
 #include "pose/feature_match.h"
 #include "pose/pair_matcher.h"
@@ -16,7 +17,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -265,32 +265,22 @@ static void test_damaged(void **state)
 
 static size_t count_in(const char *name, const char *word)
 {
-    char file[128], *text;
-    size_t size, n = 0;
-    snprintf(file, sizeof file, "%s/%s", folder, name);
-    if (!cn_file_exists(file)) return 0;
-    assert_int_equal(cn_file_read(file, 0, &text, &size), CN_OK);
-    for (char *at = text; (at = strstr(at, word)); at++)
-        n++;
-    free(text);
-    return n;
+    return file_count(folder, name, word);
 }
 
 /* Runs the stage of matches. The script keeps its command lines in `calls` and the lists of pairs in `lists`. */
 static cn_status run_stage(cn_match_with with, const char *const *words)
 {
-    char program[96], log[96], note[96], *script = NULL;
+    char program[96], log[96], note[96];
     cn_pose_options options = cn_pose_options_default();
     const cn_colmap_way way = { .matches = words };
     const cn_context ctx = { 0 };
     snprintf(program, sizeof program, "%s/colmap", folder);
     snprintf(log, sizeof log, "%s/log", folder);
     snprintf(note, sizeof note, "%s/note", folder);
-    script = cn_format("#!/bin/sh\necho \"$@\" >>%s/calls\n[ $1 != matches_importer ] || cat %s/pairs.txt >>%s/lists\n",
-                       folder, folder, folder);
-    assert_int_equal(cn_file_write(program, script, strlen(script)), CN_OK);
-    assert_int_equal(chmod(program, 0755), 0);
-    free(script);
+    fake_colmap_write(program,
+                      "#!/bin/sh\necho \"$@\" >>%s/calls\n[ $1 != matches_importer ] || cat %s/pairs.txt >>%s/lists\n",
+                      folder, folder, folder);
     options.colmap = program;
     options.match_with = with;
     cn_colmap_job job = { .ctx = &ctx, .index = &photo_index, .options = &options, .way = &way, .dir = folder };

@@ -4,6 +4,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "base/rng.h"
 #include "base/units.h"
@@ -13,7 +14,6 @@
 #include "pose/panorama.h"
 #include "pose/scene.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -38,14 +38,6 @@ static const cn_context CONTEXT = { .log = note };
 static double chance(uint32_t i, uint32_t k)
 {
     return 2.0 * cn_rng_float(11, i, k) - 1.0;
-}
-
-static int remove_entry(const char *name, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(name);
 }
 
 /* Photos on a ring, a step apart, among points; every camera is turned in its own way. */
@@ -79,7 +71,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    return folder_remove(folder);
 }
 
 /* ---- the pictures ---- */

@@ -5,7 +5,9 @@
 #include <cmocka.h>
 
 #include "../bridge/colmap_database.h"
+#include "../common.h"
 #include "base/file.h"
+#include "fake_colmap.h"
 #include "math/linalg.h"
 #include "pose/align.h"
 #include "pose/from_photos.h"
@@ -217,14 +219,7 @@ static double error_of(const cn_scene *scene)
     return most;
 }
 
-static char logged[4096];
-
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
+static char logged[LOGGED];
 
 /* A shell script plays COLMAP, and gives all four models. */
 static void write_program(const char *program)
@@ -232,15 +227,11 @@ static void write_program(const char *program)
     char made[96];
     snprintf(made, sizeof made, "%s/made.db", folder);
     colmap_database_make(made);
-    FILE *file = fopen(program, "w");
-    assert_non_null(file);
-    fprintf(file,
-            "#!/bin/sh\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
-            "[ \"$last\" = --database_path ] && [ ! -e $a ] && cp %s $a; last=$a; done\n"
-            "case $1 in mapper) cp -r %s/0 %s/1 %s/2 %s/3 $out;; esac\n",
-            made, folder, folder, folder, folder);
-    assert_int_equal(fclose(file), 0);
-    assert_int_equal(chmod(program, 0755), 0);
+    fake_colmap_write(program,
+                      "#!/bin/sh\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+                      "[ \"$last\" = --database_path ] && [ ! -e $a ] && cp %s $a; last=$a; done\n"
+                      "case $1 in mapper) cp -r %s/0 %s/1 %s/2 %s/3 $out;; esac\n",
+                      made, folder, folder, folder, folder);
 }
 
 /* The poses of the photos have the part, and say so. */
@@ -248,7 +239,7 @@ static void test_from_photos(void **state)
 {
     (void)state;
     char program[96], work[96];
-    const cn_context context = { .log = note };
+    const cn_context context = { .log = log_append, .user = logged };
     cn_scene scene;
     cn_frame frame;
     uint32_t n_models;

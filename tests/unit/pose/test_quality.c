@@ -5,11 +5,11 @@
 #include <cmocka.h>
 
 #include "../bridge/colmap_database.h"
+#include "../common.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "pose/quality.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -27,14 +27,6 @@ static cn_camera camera;
 static cn_point point;
 static cn_observation seen[2];
 static cn_frame frame;
-
-static int remove_entry(const char *name, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(name);
-}
 
 /* A chessboard, or one whose edges are wide ramps. */
 static void write_photo(const char *name, bool blurred)
@@ -119,7 +111,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    return folder_remove(folder);
 }
 
 static json_t *save(cn_quality *q, char **page)

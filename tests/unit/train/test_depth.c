@@ -4,6 +4,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "base/rng.h"
 #include "bridge/oiio.h"
@@ -17,14 +18,8 @@
 
 enum { PHOTOS = 3, WIDTH = 48, HEIGHT = 36, EACH = 40, FEW = 5 };
 
-static char logged[2048];
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
-static const cn_context ctx = { .log = note };
+static char logged[LOGGED];
+static const cn_context ctx = { .log = log_append, .user = logged };
 
 /* Metres along the camera's axis. */
 static double truth(uint32_t x, uint32_t y)

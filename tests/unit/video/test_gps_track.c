@@ -4,41 +4,22 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "video/gps_track.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #define assert_near(value, want, tolerance) assert_true(fabs((double)(value) - (want)) <= (tolerance))
 
-static char file[] = "/tmp/conurb_gps_XXXXXX";
 static cn_gps_track track;
-
-static int open_file(void **state)
-{
-    (void)state;
-    const int fd = mkstemp(file);
-    if (fd < 0) return -1;
-    return close(fd);
-}
-
-static int remove_file(void **state)
-{
-    (void)state;
-    return unlink(file);
-}
 
 static cn_status read_text(const char *text)
 {
-    FILE *stream = fopen(file, "w");
-    assert_non_null(stream);
-    fputs(text, stream);
-    assert_int_equal(fclose(stream), 0);
-    return cn_gps_track_read(&track, file);
+    text_file_write(text);
+    return cn_gps_track_read(&track, text_file);
 }
 
 static void refuse(const char *text, const char *reason)
@@ -46,7 +27,7 @@ static void refuse(const char *text, const char *reason)
     assert_int_equal(read_text(text), CN_ERR_FORMAT);
     assert_null(track.points);
     if (!strstr(cn_error_message(), reason)) fail_msg("\"%s\" lacks \"%s\"", cn_error_message(), reason);
-    assert_non_null(strstr(cn_error_message(), file));
+    assert_non_null(strstr(cn_error_message(), text_file));
 }
 
 #define GPX(INSIDE) "\xef\xbb\xbf<?xml version=\"1.0\"?><gpx><trk><trkseg>" INSIDE "</trkseg></trk></gpx>"
@@ -231,5 +212,5 @@ int main(void)
         cmocka_unit_test(test_gpx), cmocka_unit_test(test_antimeridian), cmocka_unit_test(test_kml),
         cmocka_unit_test(test_srt), cmocka_unit_test(test_bad),          cmocka_unit_test(test_gpmf),
     };
-    return cmocka_run_group_tests(tests, open_file, remove_file);
+    return cmocka_run_group_tests(tests, text_file_make, text_file_remove);
 }

@@ -4,6 +4,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "bridge/exiv2.h"
 #include "bridge/oiio.h"
@@ -27,16 +28,9 @@ enum { WIDTH = 320, HEIGHT = 240, FPS = 10, REST = 10, MOVE = 40, N = REST + MOV
 #define assert_near(value, want, tolerance) assert_true(fabs((double)(value) - (want)) <= (tolerance))
 
 static char folder[] = "/tmp/conurb_photos_XXXXXX";
-static char *film, *phone, *photos, logged[4096];
+static char *film, *phone, *photos, logged[LOGGED];
 
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
-
-static const cn_context CONTEXT = { .log = note };
+static const cn_context CONTEXT = { .log = log_append, .user = logged };
 
 static float texture(double x, double y)
 {

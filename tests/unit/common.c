@@ -1,0 +1,73 @@
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "common.h"
+
+#include "base/file.h"
+
+#include <ftw.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
+{
+    (void)info;
+    (void)kind;
+    (void)walk;
+    return remove(path);
+}
+
+int folder_remove(const char *folder)
+{
+    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+size_t file_count(const char *folder, const char *name, const char *word)
+{
+    char *path = cn_path_join(folder, name), *text;
+    size_t size, n = 0;
+    assert_non_null(path);
+    if (cn_file_exists(path)) {
+        assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+        for (const char *at = text; (at = strstr(at, word)); at++)
+            n++;
+        free(text);
+    }
+    free(path);
+    return n;
+}
+
+void log_append(void *user, cn_log_level level, const char *text)
+{
+    (void)level;
+    char *logged = user;
+    const size_t used = strlen(logged);
+    snprintf(logged + used, LOGGED - used, "%s\n", text);
+}
+
+char text_file[] = "/tmp/conurb_test_XXXXXX";
+
+int text_file_make(void **state)
+{
+    (void)state;
+    const int fd = mkstemp(text_file);
+    return fd < 0 ? -1 : close(fd);
+}
+
+int text_file_remove(void **state)
+{
+    (void)state;
+    return unlink(text_file);
+}
+
+void text_file_write(const char *text)
+{
+    FILE *stream = fopen(text_file, "w");
+    assert_non_null(stream);
+    fputs(text, stream);
+    assert_int_equal(fclose(stream), 0);
+}
