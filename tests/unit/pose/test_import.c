@@ -9,66 +9,21 @@
 #include "math/linalg.h"
 #include "pose/import.h"
 #include "pose/scene.h"
+#include "three_photos.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { N = 3, WIDTH = 640, HEIGHT = 480 };
-static char folder[64], path[128], logged[8192];
-static cn_photo photos[N];
-static cn_photo_index photo_index;
-/* The truth: one camera and three poses, as a COLMAP model has them. */
-static cn_camera camera;
-static cn_view views[N];
-
-static void note(void *user, cn_log_level level, const char *text)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", text);
-}
-
-static const cn_context CONTEXT = { .log = note };
-
-static int remove_entry(const char *name, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(name);
-}
+enum { WIDTH = 640, HEIGHT = 480 };
+static cn_camera camera; /* the truth */
 
 static int set_up(void **state)
 {
     (void)state;
-    static const double TURNS[N][4] = { { 1, 0, 0, 0 }, { 0.5, -0.5, 0.3, 0.1 }, { 0.1, 0.7, -0.2, 0.6 } };
-    static char names[N][16] = { "a.jpg", "b.png", "sub/c.jpg" }, images[80];
-    strcpy(folder, "/tmp/conurb-import-XXXXXX");
-    if (!mkdtemp(folder)) return -1;
-    snprintf(images, sizeof images, "%s/images", folder);
     camera = (cn_camera){ 1, CN_LENS_RADIAL, WIDTH, HEIGHT, { 512, 320, 240, 0.04, -0.02 } };
-    for (int i = 0; i < N; i++) {
-        photos[i] = (cn_photo){ .name = names[i], .width = WIDTH, .height = HEIGHT, .orientation = 1 };
-        views[i] = (cn_view){ .name = names[i], .photo = (uint32_t)i, .translation = { 1 + i, 2 * i - 1, 3 } };
-        cn_quat_to_mat3(TURNS[i], views[i].rotation);
-    }
-    photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N };
-    logged[0] = '\0';
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
-}
-
-static void begin(const char *name)
-{
-    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return photos_make((const char *const[]){ "a.jpg", "b.png", "sub/c.jpg" }, WIDTH, HEIGHT);
 }
 
 static cn_status read_text(const char *text, cn_scene *scene, cn_import_origin *origin)
@@ -453,7 +408,7 @@ static void test_odm_folder(void **state)
     cn_scene_deinit(&scene);
 }
 
-#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, photos_remove)
 
 int main(void)
 {

@@ -10,67 +10,22 @@
 #include "conurb/pose.h"
 #include "math/linalg.h"
 #include "pose/import.h"
+#include "three_photos.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { N = 3, WIDTH = 640, HEIGHT = 480, TEXT = 8192 };
-static char folder[64], path[128], text[TEXT];
-static cn_photo photos[N];
-static cn_photo_index photo_index;
-/* The truth: one camera and three poses, as a COLMAP model has them. */
-static cn_camera camera;
-static cn_view views[N];
+enum { WIDTH = 640, HEIGHT = 480 };
+static cn_camera camera; /* the truth */
 static const double SAME[9] = { 1, 0, 0, 0, 1, 0, 0, 0, 1 };
-
-static int remove_entry(const char *name, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(name);
-}
 
 static int set_up(void **state)
 {
     (void)state;
-    static const double TURNS[N][4] = { { 1, 0, 0, 0 }, { 0.5, -0.5, 0.3, 0.1 }, { 0.1, 0.7, -0.2, 0.6 } };
-    static char names[N][16] = { "0.jpg", "1.png", "sub/2.jpg" }, images[80];
-    strcpy(folder, "/tmp/conurb-apps-XXXXXX");
-    if (!mkdtemp(folder)) return -1;
-    snprintf(images, sizeof images, "%s/images", folder);
     camera = (cn_camera){ 1, CN_LENS_OPENCV, WIDTH, HEIGHT, { 512, 512, 326.4, 227.2, 0.04, -0.02, 0.001, -0.002 } };
-    for (int i = 0; i < N; i++) {
-        photos[i] = (cn_photo){ .name = names[i], .width = WIDTH, .height = HEIGHT, .orientation = 1 };
-        views[i] = (cn_view){ .name = names[i], .photo = (uint32_t)i, .translation = { 1 + i, 2 * i - 1, 3 } };
-        cn_quat_to_mat3(TURNS[i], views[i].rotation);
-    }
-    photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N };
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
-}
-
-static void begin(const char *name)
-{
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    text[0] = '\0';
-}
-
-CN_PRINTF(1, 2) static void say(const char *format, ...)
-{
-    const size_t n = strlen(text);
-    va_list arguments;
-    va_start(arguments, format);
-    assert_true(vsnprintf(text + n, TEXT - n, format, arguments) < (int)(TEXT - n));
-    va_end(arguments);
+    return photos_make((const char *const[]){ "0.jpg", "1.png", "sub/2.jpg" }, WIDTH, HEIGHT);
 }
 
 static cn_status import(const char *what, cn_scene *scene, uint32_t *n_models, cn_import_origin *origin)
@@ -91,16 +46,6 @@ static void refused(const char *what, cn_status wanted, const char *says)
     assert_non_null(strstr(cn_error_message(), path));
     assert_null(strchr(cn_error_message(), '\n'));
     assert_int_equal(scene.n_views, 0);
-}
-
-/* The text with `old` replaced by `fresh`. */
-static const char *changed(const char *old, const char *fresh)
-{
-    static char out[TEXT];
-    const char *at = strstr(text, old);
-    assert_non_null(at);
-    snprintf(out, sizeof out, "%.*s%s%s", (int)(at - text), text, fresh, at + strlen(old));
-    return out;
 }
 
 /* The scene is the truth after world = scale * turn * truth + move. */
@@ -130,20 +75,6 @@ static void same_lens(const cn_scene *scene)
         assert_true(cn_camera_project(&camera, at, want));
         assert_true(cn_camera_project(&scene->cameras[scene->views[0].camera], at, have));
         assert_true(hypot(want[0] - have[0], want[1] - have[1]) < 1e-6);
-    }
-}
-
-/* world_from_cam with the camera's y and z turned by `sign`: 4 x 4, row by row. */
-static void world_from_cam(int i, double sign, double m[16])
-{
-    double centre[3];
-    cn_view_centre(&views[i], centre);
-    memset(m, 0, 16 * sizeof *m);
-    m[15] = 1;
-    for (int row = 0; row < 3; row++) {
-        for (int c = 0; c < 3; c++)
-            m[4 * row + c] = (c ? sign : 1) * views[i].rotation[3 * c + row];
-        m[4 * row + 3] = centre[row];
     }
 }
 
@@ -211,7 +142,7 @@ static void test_metashape(void **state)
         uint32_t n_models;
         begin("cameras.xml");
         metashape(2.5, turn, MOVE, k == 0);
-        assert_int_equal(import(text, &scene, &n_models, &origin), CN_OK);
+        assert_int_equal(import(said, &scene, &n_models, &origin), CN_OK);
         assert_int_equal(n_models, 2);
         assert_false(origin.known);
         same_poses(&scene, 2.5, turn, MOVE);
@@ -236,7 +167,7 @@ static void test_metashape_on_earth(void **state)
     uint32_t n_models;
     begin("cameras.xml");
     metashape(2, turn, place, false);
-    assert_int_equal(import(text, &scene, &n_models, &origin), CN_OK);
+    assert_int_equal(import(said, &scene, &n_models, &origin), CN_OK);
     assert_true(origin.known && !origin.sea_level);
     assert_true(fabs(origin.latitude_deg - 47.5) < 1e-9 && fabs(origin.longitude_deg - 8.25) < 1e-9);
     assert_true(fabs(origin.height_m - 400) < 1e-4);
@@ -251,7 +182,7 @@ static void test_metashape_faults(void **state)
     begin("cameras.xml");
     metashape(1, SAME, NONE, true);
     refused("<?xml version=\"1.0\"?><kml></kml>", CN_ERR_FORMAT, "no cameras of Metashape");
-    char *cut = strdup(text);
+    char *cut = strdup(said);
     cut[strlen(cut) / 2] = '\0';
     refused(cut, CN_ERR_FORMAT, "not valid XML");
     free(cut);
@@ -305,14 +236,14 @@ static void test_reality_capture(void **state)
     begin("cameras.csv");
     photos[2].name = views[2].name = photos[2].name + 4; /* its table has no folders */
     reality_capture();
-    assert_int_equal(import(text, &scene, &n_models, &origin), CN_OK);
+    assert_int_equal(import(said, &scene, &n_models, &origin), CN_OK);
     same_poses(&scene, 1, SAME, NONE);
     same_lens(&scene);
     cn_scene_deinit(&scene);
     /* A camera at 0 that looks east, upright, in map coordinates. */
     begin("map.csv");
     say("#name,x,y,alt,heading,pitch,roll,f\n0.jpg,399600,5300300,7,90,90,0,30\n");
-    assert_int_equal(import(text, &scene, &n_models, &origin), CN_OK);
+    assert_int_equal(import(said, &scene, &n_models, &origin), CN_OK);
     double centre[3];
     cn_view_centre(&scene.views[0], centre);
     assert_true(fabs(centre[0] - AWAY[0]) < 1e-6 && fabs(centre[1] - AWAY[1]) < 1e-6 && fabs(centre[2] - 7) < 1e-6);
@@ -330,7 +261,7 @@ static void test_reality_capture_faults(void **state)
     refused("#name,x,y,alt,heading,pitch,roll,f\n", CN_ERR_DATA, "none of its 0 frames");
     refused(changed("0.jpg,", "0.jpg,east"), CN_ERR_FORMAT, "line 3: x is \"east");
     refused(changed("1.png,", "0.jpg,"), CN_ERR_FORMAT, "two frames name photo 0.jpg");
-    char *cut = strdup(text);
+    char *cut = strdup(said);
     cut[strlen(cut) - 30] = '\0';
     refused(cut, CN_ERR_FORMAT, "line 5: ");
     free(cut);
@@ -360,7 +291,7 @@ static void write_keyframe(int i, const char *name)
         say(", \"t_%d%d\": %.17g", k / 4, k % 4, m[k]);
     say("}");
     assert_int_equal(cn_folder_of_make(path), CN_OK);
-    assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
+    assert_int_equal(cn_file_write(path, said, strlen(said)), CN_OK);
 }
 
 static cn_status run_polycam(cn_scene *scene, cn_frame *frame)
@@ -393,7 +324,7 @@ static void test_polycam(void **state)
     same_poses(&scene, 1, ARKIT, none); /* a phone knows which way is down: its coordinates are kept */
     same_lens(&scene);
     cn_scene_deinit(&scene);
-    assert_int_equal(cn_file_write(path, changed("\"t_11\"", "\"t_99\""), strlen(text)), CN_OK);
+    assert_int_equal(cn_file_write(path, changed("\"t_11\"", "\"t_99\""), strlen(said)), CN_OK);
     assert_int_equal(run_polycam(&scene, &frame), CN_ERR_FORMAT);
     assert_non_null(strstr(cn_error_message(), "t_11"));
     assert_non_null(strstr(cn_error_message(), "2.json"));
@@ -427,7 +358,7 @@ static void test_record3d(void **state)
     photos[2].name = views[2].name = photos[2].name + 4;
     camera = (cn_camera){ 1, CN_LENS_PINHOLE, WIDTH, HEIGHT, { 512, 500, 322, 238 } };
     record3d();
-    assert_int_equal(import(text, &scene, &n_models, &origin), CN_OK);
+    assert_int_equal(import(said, &scene, &n_models, &origin), CN_OK);
     same_poses(&scene, 1, ARKIT, AT_ORIGIN);
     same_lens(&scene);
     cn_scene_deinit(&scene);
@@ -438,7 +369,7 @@ static void test_record3d(void **state)
     refused(changed("\"w\": 640", "\"w\": 0"), CN_ERR_FORMAT, "is no size in pixels");
 }
 
-#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, photos_remove)
 
 int main(void)
 {

@@ -11,77 +11,24 @@
 #include "pose/import.h"
 #include "pose/lens.h"
 #include "pose/scene.h"
+#include "three_photos.h"
 
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
-enum { N = 3, TEXT = 8192 };
-static char folder[64], path[160], text[TEXT], logged[2048];
-static cn_photo photos[N];
-static cn_photo_index photo_index;
-static cn_camera cameras[N]; /* the truth: a camera and a pose for each photo */
-static cn_view views[N];
-
-static void note(void *user, cn_log_level level, const char *line)
-{
-    (void)user;
-    (void)level;
-    snprintf(logged + strlen(logged), sizeof logged - strlen(logged), "%s\n", line);
-}
-
-static const cn_context CONTEXT = { .log = note };
-
-static int remove_entry(const char *name, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(name);
-}
+static cn_camera cameras[N]; /* the truth: one for each photo */
 
 static int set_up(void **state)
 {
     (void)state;
-    static const double TURNS[N][4] = { { 1, 0, 0, 0 }, { 0.5, -0.5, 0.3, 0.1 }, { 0.1, 0.7, -0.2, 0.6 } };
-    static char names[N][16] = { "a.jpg", "b.jpg", "c.jpg" }, images[80];
-    strcpy(folder, "/tmp/conurb-sphere-XXXXXX");
-    if (!mkdtemp(folder)) return -1;
-    snprintf(images, sizeof images, "%s/images", folder);
+    if (photos_make((const char *const[]){ "a.jpg", "b.jpg", "c.jpg" }, 640, 320) != 0) return -1;
     for (int i = 0; i < N; i++) {
-        photos[i] = (cn_photo){ .name = names[i], .width = 640, .height = 320, .orientation = 1 };
-        views[i] = (cn_view){ .name = names[i], .photo = (uint32_t)i, .translation = { 1 + i, 2 * i - 1, 3 } };
         views[i].camera = (uint32_t)i;
-        cn_quat_to_mat3(TURNS[i], views[i].rotation);
         cameras[i] = cn_camera_equirectangular(640, 320);
         cameras[i].id = (uint32_t)i + 1;
     }
-    photo_index = (cn_photo_index){ .folder = images, .photos = photos, .n_photos = N };
-    logged[0] = text[0] = '\0';
     return 0;
-}
-
-static int tear_down(void **state)
-{
-    (void)state;
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
-}
-
-static void begin(const char *name)
-{
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    text[0] = '\0';
-}
-
-CN_PRINTF(1, 2) static void say(const char *format, ...)
-{
-    const size_t n = strlen(text);
-    va_list arguments;
-    va_start(arguments, format);
-    assert_true(vsnprintf(text + n, TEXT - n, format, arguments) < (int)(TEXT - n));
-    va_end(arguments);
 }
 
 static cn_status import(const char *what, cn_scene *scene)
@@ -91,16 +38,6 @@ static cn_status import(const char *what, cn_scene *scene)
     assert_int_equal(cn_folder_of_make(path), CN_OK);
     assert_int_equal(cn_file_write(path, what, strlen(what)), CN_OK);
     return cn_import_file(&CONTEXT, path, &photo_index, scene, &n_models, &origin);
-}
-
-/* The text with `old` replaced by `fresh`. */
-static const char *changed(const char *old, const char *fresh)
-{
-    static char out[TEXT];
-    const char *at = strstr(text, old);
-    assert_non_null(at);
-    snprintf(out, sizeof out, "%.*s%s%s", (int)(at - text), text, fresh, at + strlen(old));
-    return out;
 }
 
 /* One line that says what is wrong. */
@@ -139,16 +76,15 @@ static void same(const cn_scene *scene)
     }
 }
 
-/* world_from_cam with the camera's y and z turned by `sign`: 4 x 4, row by row. */
 static void say_matrix(int i, double sign, const char *row_begin, const char *between, const char *row_end)
 {
-    double centre[3];
-    cn_view_centre(&views[i], centre);
+    double m[16];
+    world_from_cam(i, sign, m);
     for (int row = 0; row < 4; row++) {
         say("%s", row_begin);
-        for (int c = 0; c < 3; c++)
-            say("%.17g%s", row < 3 ? (c ? sign : 1) * views[i].rotation[3 * c + row] : 0, between);
-        say("%.17g%s%s", row < 3 ? centre[row] : 1, row_end, row < 3 ? between : "");
+        for (int c = 0; c < 4; c++)
+            say("%.17g%s", m[4 * row + c], c < 3 ? between : row_end);
+        if (row < 3) say("%s", between);
     }
 }
 
@@ -173,21 +109,21 @@ static void test_nerfstudio(void **state)
     /* Larger than the photos, as the files of ns-process-data may be. */
     transforms("\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 1280, \"h\": 640, \"fl_x\": 640, \"fl_y\": 640, "
                "\"cx\": 640, \"cy\": 320,");
-    assert_int_equal(import(text, &scene), CN_OK);
+    assert_int_equal(import(said, &scene), CN_OK);
     same(&scene);
     assert_int_equal(scene.n_cameras, 1);
     cn_scene_deinit(&scene);
     refused(changed("\"fl_x\": 640", "\"fl_x\": 500"), "photo a.jpg is equirectangular and 1280 pixels wide, but fl_x");
     refused(changed("\"h\": 640", "\"h\": 720"), "1280 x 720 pixels, but such a picture is twice as wide as high");
-    text[strlen(text) / 2] = '\0';
-    refused(text, "not valid JSON");
+    said[strlen(said) / 2] = '\0';
+    refused(said, "not valid JSON");
     begin("transforms.json");
     transforms("\"camera_model\": \"EQUIRECTANGULAR\",");
-    assert_int_equal(import(text, &scene), CN_OK);
+    assert_int_equal(import(said, &scene), CN_OK);
     same(&scene);
     cn_scene_deinit(&scene);
     photos[1].height = 400;
-    refused(text, "photo b.jpg is a picture of all directions, 640 x 400 pixels");
+    refused(said, "photo b.jpg is a picture of all directions, 640 x 400 pixels");
 }
 
 /* Three lenses in one file, each in its frame. */
@@ -214,7 +150,7 @@ static void test_nerfstudio_frames(void **state)
         say("]}");
     }
     say("]}");
-    assert_int_equal(import(text, &scene), CN_OK);
+    assert_int_equal(import(said, &scene), CN_OK);
     assert_int_equal(scene.n_cameras, 3);
     same(&scene);
     cn_scene_deinit(&scene);
@@ -247,7 +183,7 @@ static void test_opensfm(void **state)
         cn_scene scene;
         begin("reconstruction.json");
         opensfm(TYPES[k]);
-        assert_int_equal(import(text, &scene), CN_OK);
+        assert_int_equal(import(said, &scene), CN_OK);
         same(&scene);
         cn_scene_deinit(&scene);
     }
@@ -270,7 +206,7 @@ static void test_metashape(void **state)
         say("</transform></camera>\n");
     }
     say("</cameras></chunk></document>\n");
-    assert_int_equal(import(text, &scene), CN_OK);
+    assert_int_equal(import(said, &scene), CN_OK);
     same(&scene);
     cn_scene_deinit(&scene);
     refused(changed("height=\"320\"", "height=\"300\""), "photo a.jpg is a picture of all directions, 640 x 300");
@@ -360,7 +296,7 @@ static void test_orientation(void **state)
         bool keep[N] = { true, true, true };
         begin("transforms.json");
         transforms("\"camera_model\": \"EQUIRECTANGULAR\", \"w\": 640, \"h\": 320,");
-        assert_int_equal(import(text, &scene), CN_OK);
+        assert_int_equal(import(said, &scene), CN_OK);
         photos[1].orientation = i ? 6 : 3;
         if (i) photos[1].width = 320, photos[1].height = 640;
         for (int v = 0; v < N; v++)
@@ -372,7 +308,7 @@ static void test_orientation(void **state)
     assert_non_null(strstr(logged, "photo b.jpg is turned or mirrored"));
 }
 
-#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, photos_remove)
 
 int main(void)
 {
