@@ -4,8 +4,10 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "base/rng.h"
+#include "random_splats.h"
 #include "splat/packed.h"
 
 #include <math.h>
@@ -18,33 +20,9 @@ enum { N = 700 }; /* three blocks, the last one not full */
 
 static char folder[] = "/tmp/conurb_packed_XXXXXX";
 
-static float between(float low, float high, uint64_t stream, uint64_t at)
-{
-    return low + (high - low) * cn_rng_float(3, stream, at);
-}
-
 static cn_splats *make(uint32_t degree)
 {
-    cn_splats *s;
-    assert_int_equal(cn_splats_create(&s, N, degree), CN_OK);
-    memcpy(s->origin, (const double[3]){ 1200, -300, 40 }, sizeof s->origin);
-    for (size_t i = 0; i < N; i++) {
-        float norm = 0;
-        for (size_t k = 0; k < 4; k++) {
-            s->rotation[i][k] = between(-1, 1, 1, 4 * i + k);
-            norm += s->rotation[i][k] * s->rotation[i][k];
-        }
-        for (size_t k = 0; k < 4; k++)
-            s->rotation[i][k] /= sqrtf(norm);
-        for (size_t k = 0; k < 3; k++) {
-            s->centre[i][k] = between(-250, 250, 2, 3 * i + k);
-            s->scale[i][k] = expf(between(-6, 1, 3, 3 * i + k));
-        }
-        s->opacity[i] = between(0.01f, 0.99f, 4, i);
-        for (size_t k = 0; k < 3 * (degree + 1) * (degree + 1); k++)
-            s->colour[i * 3 * (degree + 1) * (degree + 1) + k] = between(-0.7f, 0.7f, 5, 64 * i + k);
-    }
-    return s;
+    return random_splats(N, degree, (const double[3]){ 1200, -300, 40 }, 250, 3);
 }
 
 static float float_at(const uint8_t *bytes)
@@ -235,10 +213,7 @@ static void test_bad_files(void **state)
 static int remove_folder(void **state)
 {
     (void)state;
-    char *command = cn_format("rm -r '%s'", folder);
-    const int result = command ? system(command) : -1;
-    free(command);
-    return result;
+    return folder_remove(folder);
 }
 
 int main(void)

@@ -4,10 +4,12 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "base/rng.h"
 #include "base/json.h"
 #include "conurb/splat.h"
+#include "random_splats.h"
 #include "splat/harmonics.h"
 #include "splat/splat_tiles.h"
 
@@ -24,33 +26,9 @@ static char folder[] = "/tmp/conurb_splat_XXXXXX";
 static cn_frame frame;
 static const cn_splat_about about = { &frame, "mean\nof all", "1: A" };
 
-static float between(float low, float high, uint64_t stream, uint64_t at)
-{
-    return low + (high - low) * cn_rng_float(7, stream, at);
-}
-
 static cn_splats *make(uint32_t degree)
 {
-    cn_splats *s;
-    assert_int_equal(cn_splats_create(&s, N, degree), CN_OK);
-    memcpy(s->origin, (const double[3]){ 100, -20, 5 }, sizeof s->origin);
-    for (size_t i = 0; i < N; i++) {
-        float norm = 0;
-        for (size_t k = 0; k < 4; k++) {
-            s->rotation[i][k] = between(-1, 1, 1, 4 * i + k);
-            norm += s->rotation[i][k] * s->rotation[i][k];
-        }
-        for (size_t k = 0; k < 4; k++)
-            s->rotation[i][k] /= sqrtf(norm);
-        for (size_t k = 0; k < 3; k++) {
-            s->centre[i][k] = between(-50, 50, 2, 3 * i + k);
-            s->scale[i][k] = expf(between(-6, 1, 3, 3 * i + k));
-        }
-        s->opacity[i] = between(0.01f, 0.99f, 4, i);
-        for (size_t k = 0; k < 3 * (degree + 1) * (degree + 1); k++)
-            s->colour[i * 3 * (degree + 1) * (degree + 1) + k] = between(-0.7f, 0.7f, 5, 64 * i + k);
-    }
-    return s;
+    return random_splats(N, degree, (const double[3]){ 100, -20, 5 }, 50, 7);
 }
 
 static char *path_of(const char *name)
@@ -184,7 +162,7 @@ static void check_harmonics(const float *local, const uint8_t *bytes, uint32_t d
     for (size_t d = 0; d < 4; d++) {
         float from[3], there[3], basis[2][CN_HARMONICS_MOST], norm = 0;
         for (size_t k = 0; k < 3; k++) {
-            from[k] = between(-1, 1, 9, 12 * i + 3 * d + k);
+            from[k] = 2 * cn_rng_float(7, 9, 12 * i + 3 * d + k) - 1;
             norm += from[k] * from[k];
         }
         for (int k = 0; k < 3; k++)
@@ -335,8 +313,5 @@ int main(void)
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_ply), cmocka_unit_test(test_spz),
                                         cmocka_unit_test(test_glb), cmocka_unit_test(test_refused) };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    char *command = cn_format("rm -r %s", folder);
-    const int removed = command ? system(command) : 1;
-    free(command);
-    return failed || removed;
+    return folder_remove(folder) == 0 ? failed : 1;
 }
