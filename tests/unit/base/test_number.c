@@ -4,6 +4,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "base/hash.h"
 #include "base/json.h"
@@ -115,7 +116,5 @@ int main(void)
         failed = cmocka_run_group_tests(tests, NULL, NULL);
     else
         puts("skipped: there is no locale de_DE.UTF-8, and localedef cannot make it");
-    char command[64];
-    snprintf(command, sizeof command, "rm -r %s", folder);
-    return system(command) == 0 ? failed : 1;
+    return folder_remove(folder) == 0 ? failed : 1;
 }

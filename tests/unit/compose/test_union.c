@@ -5,6 +5,7 @@
 
 #include <cmocka.h>
 
+#include "../common.h"
 #include "block.h"
 
 #include "base/file.h"
@@ -55,10 +56,7 @@ static int unmake(void **state)
     (void)state;
     for (int i = WEST; i < TILES; i++)
         cn_tile_close(&tiles[i]);
-    char *command = cn_format("rm -rf %s", folder);
-    const int gone = system(command);
-    free(command);
-    return gone;
+    return folder_remove(folder);
 }
 
 static cn_union_part part(const cn_tile *tile, double x)

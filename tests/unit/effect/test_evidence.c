@@ -1,4 +1,5 @@
 /* Evidence of effects other than the sky's, on photos that the test draws. */
+#include "../common.h"
 #include "wall.h"
 
 #include "base/file.h"
@@ -172,9 +173,7 @@ static void test_colour_of_a_patch(void **state)
     assert_false(cn_tracks_colour(&input, &view, 601.2, 8, fine, &mean));
     cn_pixel_store_close(&pixels);
     cn_photo_index_deinit(&index);
-    char *command = cn_format("rm -rf %s", folder);
-    assert_int_equal(system(command), 0);
-    free(command);
+    assert_int_equal(folder_remove(folder), 0);
     free(file);
     free(path);
 }

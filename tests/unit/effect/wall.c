@@ -1,5 +1,6 @@
 #include "wall.h"
 
+#include "../common.h"
 #include "base/file.h"
 #include "bridge/oiio.h"
 #include "effect/tracks.h"
@@ -148,9 +149,7 @@ void wall_deinit(wall *w)
     cn_photo_index_deinit(&w->index);
     for (unsigned v = 0; v < VIEWS; v++)
         free(w->views[v].name);
-    char *command = cn_format("rm -rf %s", w->folder);
-    assert_int_equal(system(command), 0);
-    free(command);
+    assert_int_equal(folder_remove(w->folder), 0);
 }
 
 double evidence(measure of, before what, sky_kind sky)

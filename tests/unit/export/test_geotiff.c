@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "export/geotiff.h"
 
@@ -28,10 +29,7 @@ static int make_folder(void **state)
 static int remove_folder(void **state)
 {
     (void)state;
-    char *command = cn_format("rm -rf %s", folder);
-    const int status = system(command);
-    free(command);
-    return status;
+    return folder_remove(folder);
 }
 
 /* Whether anything but the named files is left in the folder. */

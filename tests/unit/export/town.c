@@ -1,3 +1,4 @@
+#include "../common.h"
 #include "../field/options.h"
 #include "town.h"
 
@@ -158,8 +159,6 @@ void town_utm(const town *t, const double local[3], double place[3])
 
 void town_deinit(town *t)
 {
-    char *command = cn_format("rm -rf %s", t->folder);
-    if (system(command) != 0) abort();
-    free(command);
+    if (folder_remove(t->folder) != 0) abort();
     free(t->tile_file);
 }

@@ -1,5 +1,6 @@
 #include "city.h"
 
+#include "../common.h"
 #include "base/file.h"
 
 void city_init(city *c, uint32_t n_views, uint32_t n_points, uint32_t n_observations)
@@ -24,9 +25,7 @@ void city_deinit(city *c)
 {
     cn_scene_deinit(&c->scene);
     free(c->photos.photos);
-    char *command = cn_format("rm -rf '%s'", c->folder);
-    assert_int_equal(system(command), 0);
-    free(command);
+    assert_int_equal(folder_remove(c->folder), 0);
 }
 
 static void add_view(city *c, const double centre[3], const double right[3], const double down[3],

@@ -1,4 +1,5 @@
 /* The renderer, by the demo city: its pictures are those of `conurb render`, from any thread, and jobs end. */
+#include "../common.h"
 #include "bridge/oiio.h"
 #include "conurb/path.h"
 #include "conurb/stage.h"
@@ -54,11 +55,9 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    char command[128];
     cn_city_close(&city);
     cn_pool_destroy(&ctx.pool);
-    snprintf(command, sizeof command, "rm -rf %s", folder);
-    return system(command);
+    return folder_remove(folder);
 }
 
 static cn_renderer *create(void)

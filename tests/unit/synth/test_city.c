@@ -5,6 +5,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "base/srgb.h"
 #include "base/hash.h"
@@ -64,13 +65,10 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    char *command = cn_format("rm -rf '%s'", folder);
-    const int rc = system(command);
-    free(command);
     free(first);
     free(second);
     json_decref(truth);
-    return rc;
+    return folder_remove(folder);
 }
 
 static const json_t *photo_truth(size_t i)

@@ -5,6 +5,7 @@
 
 #include <cmocka.h>
 
+#include "../common.h"
 #include "../field/options.h"
 #include "base/file.h"
 #include "base/json.h"
@@ -42,7 +43,7 @@ static double predict(cn_train_speed *speed, const cn_context *ctx, const cn_tra
 static void test_measured_once(void **state)
 {
     (void)state;
-    char folder[] = "/tmp/conurb-cost-XXXXXX", cache[64], line[96];
+    char folder[] = "/tmp/conurb-cost-XXXXXX", cache[64];
     assert_non_null(mkdtemp(folder));
     snprintf(cache, sizeof cache, "%s/speed.json", folder);
     cn_train_options o = synthetic_options();
@@ -91,8 +92,7 @@ static void test_measured_once(void **state)
     assert_int_equal(cn_file_write(cache, "{", 1), CN_OK);
     assert_int_equal(cn_train_speed_create(&speed, cache), CN_OK);
     cn_train_speed_destroy(&speed);
-    snprintf(line, sizeof line, "rm -rf %s", folder);
-    assert_int_equal(system(line), 0);
+    assert_int_equal(folder_remove(folder), 0);
 }
 
 static void test_stop_and_bad_settings(void **state)

@@ -114,13 +114,10 @@ static int make_films(void **state)
 static int remove_films(void **state)
 {
     (void)state;
-    char *command = cn_format("rm -rf %s", folder);
-    const int status = system(command);
-    free(command);
     free(film);
     free(phone);
     free(photos);
-    return status;
+    return folder_remove(folder);
 }
 
 static int before_each(void **state)

@@ -3,6 +3,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include "../common.h"
 #include "base/file.h"
 #include "bridge/oiio.h"
 #include "conurb/video.h"
@@ -47,12 +48,9 @@ static int make_pictures(void **state)
 static int remove_pictures(void **state)
 {
     (void)state;
-    char *command = cn_format("rm -rf %s", folder);
-    int status = system(command);
-    free(command);
     for (int i = 0; i < N; i++)
         free(names[i]);
-    return status;
+    return folder_remove(folder);
 }
 
 static char *film(const char *name)
