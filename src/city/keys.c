@@ -153,6 +153,8 @@ static const cn_key keys[] = {
       .names_settings = true },
     { "train", "precision", CN_KEY_CHOICE, AT(train.precision), .choices = precisions,
       .comment = "fastest | float: precision of products in the networks; fastest may be bfloat16" },
+    { "train", "leave_out_occluders", CN_KEY_SWITCH, AT(train.leave_out_occluders),
+      .comment = "on | off: what one photo alone shows before what others see is left out, like a mask" },
     { "train", "learning_rate", CN_KEY_REAL, AT(train.learning_rate), RANGE(1e-9, 10),
       .comment = "at the start; it decays" },
     { "train", "checkpoint_every_s", CN_KEY_REAL, AT(train.checkpoint_every_s), RANGE(0.01, 1e9),

@@ -78,6 +78,7 @@ void cn_pixel_store_close(cn_pixel_store **store)
     if (!*store) return;
     if ((*store)->fd >= 0) close((*store)->fd);
     free((*store)->records);
+    free((*store)->hidden);
     free((*store)->path);
     free(*store);
     *store = NULL;
@@ -126,6 +127,8 @@ cn_status cn_pixel_store_gather(const cn_pixel_store *store, size_t n, const uin
         uint16_t half[4 * RUN];
         CN_TRY(cn_store_read_at(store, half, 8 * run, r->offset + 8 * ((uint64_t)y[i] * r->width + x[i])));
         unpack(half, run, rgbw + 4 * i);
+        for (size_t k = i; store->hidden && k < i + run; k++)
+            if (cn_store_hides(store, photo[k], x[k], y[k])) rgbw[4 * k + 3] = 0;
         i += run;
     }
     return CN_OK;
@@ -177,7 +180,11 @@ cn_status cn_pixel_store_gather_normal(const cn_pixel_store *store, size_t n, co
 cn_status cn_store_read_colours(const cn_pixel_store *store, uint32_t photo, uint16_t *half)
 {
     const cn_store_record *r = &store->records[photo];
-    return cn_store_read_at(store, half, cn_store_pixel_bytes(r), r->offset);
+    CN_TRY(cn_store_read_at(store, half, cn_store_pixel_bytes(r), r->offset));
+    for (uint32_t y = 0; store->hidden && y < r->height; y++)
+        for (uint32_t x = 0; x < r->width; x++)
+            if (cn_store_hides(store, photo, x, y)) half[4 * ((size_t)y * r->width + x) + 3] = 0;
+    return CN_OK;
 }
 cn_status cn_store_read_depths(const cn_pixel_store *store, uint32_t photo, float *depth_m)
 {
@@ -197,7 +204,7 @@ cn_status cn_pixel_store_read(const cn_pixel_store *store, uint32_t photo, float
     const size_t n = (size_t)r->width * r->height;
     uint16_t *half = malloc(n * 8);
     if (!half) return cn_fail(CN_ERR_NOMEM, "out of memory while reading %s", r->name);
-    const cn_status status = cn_store_read_at(store, half, n * 8, r->offset);
+    const cn_status status = cn_store_read_colours(store, photo, half);
     if (status == CN_OK) unpack(half, n, rgbw);
     free(half);
     return status;

@@ -37,11 +37,15 @@ typedef struct cn_store_header {
 } cn_store_header;
 _Static_assert(sizeof(cn_store_header) == 64, "the header is part of the file format");
 
+/* Places of a photo that are left out, in cells: an equal part of its width and of its height each. */
+enum { CN_HIDDEN_COLUMNS = 32, CN_HIDDEN_ROWS = 24 };
+
 struct cn_pixel_store {
     int fd;
     char *path;
     cn_store_header head;
     cn_store_record *records;
+    uint32_t (*hidden)[CN_HIDDEN_ROWS]; /* [photos]; NULL: nothing is hidden */
 };
 
 static inline uint64_t cn_store_pixel_bytes(const cn_store_record *r)
@@ -66,6 +70,18 @@ CN_NODISCARD cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t
 CN_NODISCARD cn_status cn_store_read_colours(const cn_pixel_store *store, uint32_t photo, uint16_t *half);
 CN_NODISCARD cn_status cn_store_read_depths(const cn_pixel_store *store, uint32_t photo, float *depth_m);
 CN_NODISCARD cn_status cn_store_read_normals(const cn_pixel_store *store, uint32_t photo, int8_t *normal);
+/* The same store once more, in which places may be hidden. It needs the first no longer. The caller closes it. */
+CN_NODISCARD cn_status cn_pixel_store_copy(const cn_pixel_store *store, cn_pixel_store **copy);
+/* From now on pixels in these cells of a photo weigh 0, as if a mask left them out. cells[row]: a bit for each column.
+ */
+CN_NODISCARD cn_status cn_pixel_store_hide(cn_pixel_store *store, uint32_t photo, const uint32_t cells[CN_HIDDEN_ROWS]);
+/* Whether a pixel of a photo is hidden, in a store that has hidden places. */
+static inline bool cn_store_hides(const cn_pixel_store *store, uint32_t photo, uint32_t x, uint32_t y)
+{
+    const cn_store_record *r = &store->records[photo];
+    const uint32_t column = x * CN_HIDDEN_COLUMNS / r->width, row = y * CN_HIDDEN_ROWS / r->height;
+    return store->hidden[photo][row] >> column & 1;
+}
 /* size bytes at offset; CN_ERR_FORMAT past the end of the file. Thread-safe. */
 CN_NODISCARD cn_status cn_store_read_at(const cn_pixel_store *store, void *data, size_t size, uint64_t offset);
 #endif

@@ -252,6 +252,7 @@ void cn_stage_tile(const cn_city *city, const cn_stage *plan, const cn_train_opt
     cn_fingerprint_add(c, "train.steps", "%u", cn_train_steps(o, tile));
     cn_fingerprint_add(c, "train.time_budget_s", "%.9g", o->time_budget_s);
     if (o->stop_gain_db > 0) cn_fingerprint_add(c, "train.stop_gain_db", "%.9g by validation photos", o->stop_gain_db);
+    if (!o->leave_out_occluders) cn_fingerprint_add(c, "train.leave_out_occluders", "off");
     if (o->choose) cn_fingerprint_add(c, "settings", "chosen for the time");
     cn_fingerprint_add(c, "train.samples_per_step", "%u", o->samples_per_step);
     cn_fingerprint_add(c, "field.type", "%s", o->field.type);

@@ -12,6 +12,7 @@ cn_train_options cn_train_options_preset(cn_quality quality)
         .seed = 1,
         .steps = STANDARD_STEPS,
         .samples_per_step = 32768,
+        .leave_out_occluders = true,
         .learning_rate = 1e-2,
         .march_step = 1.0 / 128,
         .checkpoint_every_s = 60,

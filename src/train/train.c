@@ -6,6 +6,7 @@
 #include "base/hash.h"
 #include "base/json.h"
 #include "base/number.h"
+#include "effect/occluders.h"
 
 #include <math.h>
 #include <pthread.h>
@@ -406,8 +407,8 @@ static cn_status make_teacher(const cn_context *ctx, const cn_train_input *input
     return status;
 }
 
-cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
-                        const char *parent_hash, const char *dir, cn_train_result *result)
+static cn_status train_all(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                           const char *parent_hash, const char *dir, cn_train_result *result)
 {
     if (!cn_distil_makes_teacher(options)) return train(ctx, input, options, parent_hash, dir, result);
     cn_train_options with = *options;
@@ -421,6 +422,55 @@ cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, cons
     if (status == CN_OK) result->seconds += seconds;
     free(teacher);
     free(tile);
+    return status;
+}
+
+static bool has_transients(const cn_plan_tile *tile)
+{
+    for (uint32_t i = 0; i < tile->n_effects; i++)
+        if (tile->effects[i].on && strcmp(tile->effects[i].name, "transient") == 0) return true;
+    return false;
+}
+
+/* The photos with what one of them alone shows left out. *seen: the caller closes it; NULL: nothing is left out. */
+static cn_status leave_out_occluders(const cn_context *ctx, const cn_train_input *input, cn_pixel_store **seen)
+{
+    const cn_plan_input plan = { input->scene, input->photos, NULL, input->pixels };
+    const cn_plan_tile *tile = input->tile;
+    cn_occluders found;
+    *seen = NULL;
+    CN_TRY(cn_occluders_find(&plan, tile, &found));
+    cn_status status = found.n_found ? cn_pixel_store_copy(input->pixels, seen) : CN_OK;
+    const char *first = NULL;
+    double share = 0;
+    for (uint32_t i = 0; i < tile->n_photos && *seen && status == CN_OK; i++) {
+        const cn_view *view = &input->scene->views[tile->photos[i]];
+        status = cn_pixel_store_hide(*seen, view->photo, found.cells[i]);
+        const double hidden = cn_occluders_share(&found, i);
+        if (hidden > share) first = view->name, share = hidden;
+    }
+    if (first)
+        cn_log(
+            ctx, CN_LOG_INFO,
+            "tile %s: %u of %u photos show something before what the others see, most in %s (%.0f %%); it is left out "
+            "like a mask",
+            tile->id, found.n_found, tile->n_photos, first, 100 * share);
+    cn_occluders_deinit(&found);
+    if (status != CN_OK) cn_pixel_store_close(seen);
+    return status;
+}
+
+cn_status cn_train_tile(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
+                        const char *parent_hash, const char *dir, cn_train_result *result)
+{
+    cn_train_input with = *input;
+    cn_pixel_store *seen = NULL;
+    /* Transients explain such things where they are on. */
+    if (options->leave_out_occluders && !has_transients(input->tile) && input->scene && input->pixels)
+        CN_TRY(leave_out_occluders(ctx, input, &seen));
+    if (seen) with.pixels = seen;
+    const cn_status status = train_all(ctx, &with, options, parent_hash, dir, result);
+    cn_pixel_store_close(&seen);
     return status;
 }
 

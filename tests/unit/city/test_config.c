@@ -154,7 +154,7 @@ static void every_key_is_taken(void **state)
              "plan: {layout: grid, spacing_m: 12, overlap: 0.25, min_photos: 2, hold_out_every: 5}\n"
              "effects: {sky: off, exposure: on}\n"
              "train: {quality: preview, seed: 9, steps: 10, time_budget_s: 60, checkpoint_every_s: 5,\n"
-             "        samples_per_step: 5000, march_step: 0.01, learning_rate: 0.5, "
+             "        samples_per_step: 5000, march_step: 0.01, learning_rate: 0.5, leave_out_occluders: off, "
              "precision: float}\n"
              "field: {levels: 4, log2_table: 10, finest_resolution: 64}\n"
              "compose: {exponent: 2, reach: 1.5, max_tiles: 2}\n"
@@ -177,7 +177,8 @@ static void every_key_is_taken(void **state)
     assert_true(c.train.checkpoint_every_s == 5 && cn_field_options_get(&c.train.field, "log2_table") == 10);
     assert_true(cn_field_options_get(&c.train.field, "finest_resolution") == 64 && c.train.samples_per_step == 5000 &&
                 c.train.learning_rate == 0.5);
-    assert_true(c.train.march_step == 0.01);
+    assert_true(c.train.march_step == 0.01 && !c.train.leave_out_occluders &&
+                cn_config_default().train.leave_out_occluders);
     assert_int_equal(c.train.precision, CN_PRECISION_FLOAT);
     assert_true(c.compose.exponent == 2 && c.compose.reach == 1.5 && c.compose.max_tiles == 2);
     assert_true(c.render_width_px == 320 && c.render_frames == 7 && c.render_fps == 30 && c.exposure_ev == -1);

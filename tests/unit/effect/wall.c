@@ -28,7 +28,7 @@ static double thing_x(before what, unsigned view)
 
 bool in_thing(before what, unsigned view, const double origin[3], const double dir[3])
 {
-    if (what == NOTHING) return false;
+    if (what == NOTHING || (what == LEAVES && view != LEAVES_VIEW)) return false;
     const double t = BOX_M / dir[1], x = origin[0] + t * dir[0] - thing_x(what, view), z = origin[2] + t * dir[2];
     return fabs(x) < 1 && z > (what == CLOUD ? 5.8 : -2) && z < (what == TOWER || what == CLOUD ? 100 : 3.5);
 }

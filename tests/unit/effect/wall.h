@@ -16,8 +16,9 @@ enum { WIDTH = 96, HEIGHT = 72, VIEWS = 24, ACROSS = 24, UP = 13, BOX = 50, POIN
 #define BOX_M 10.0
 
 /* What stands before the wall. STATUE: parked, too smooth for points of its own. TOWER: higher than the photos. CLOUD:
- * above the roof, with sky below. */
-typedef enum before { NOTHING, PARKED, STATUE, PASSING, TOWER, CLOUD } before;
+ * above the roof, with sky below. LEAVES: before view LEAVES_VIEW alone. */
+typedef enum before { NOTHING, PARKED, STATUE, PASSING, TOWER, CLOUD, LEAVES } before;
+enum { LEAVES_VIEW = 9 };
 
 typedef enum sky_kind { NO_SKY, GREY_SKY, BLUE_SKY } sky_kind; /* a blue sky is darker than the wall */
 

@@ -257,6 +257,47 @@ static struct timespec made_at(const char *path)
     return st.st_mtim;
 }
 
+/* Cells are 2.5 by 1.5 pixels. A cell hides what its pixels' left upper corners lie in, in the copy alone. */
+static void hidden_cells_have_no_weight(void **state)
+{
+    enum { W = 80, H = 36, PIXELS = W * H };
+    scratch *s = *state;
+    a_grey(s, "a.png", 0.5f, W, H);
+    a_grey(s, "b.png", 0.25f, W, H);
+    cn_pixel_store *store = build(s, W), *copy;
+    static const uint32_t cells[CN_HIDDEN_ROWS] = { [2] = 1u << 3, [CN_HIDDEN_ROWS - 1] = 1u << 31 };
+    assert_int_equal(cn_pixel_store_copy(store, &copy), CN_OK);
+    assert_int_equal(cn_pixel_store_hide(copy, 1, cells), CN_OK);
+    assert_int_equal(cn_pixel_store_hide(copy, 2, cells), CN_ERR_INTERNAL);
+    float *before = read_photo(store, 1);
+    cn_pixel_store_close(&store);
+    float *other = read_photo(copy, 0), *after = read_photo(copy, 1), gathered[4 * W];
+    uint16_t half[4 * PIXELS], x[W], y[W];
+    uint32_t photo[W];
+    assert_int_equal(cn_store_read_colours(copy, 1, half), CN_OK);
+    for (uint32_t row = 0; row < H; row++) {
+        for (uint32_t i = 0; i < W; i++) {
+            photo[i] = 1;
+            x[i] = (uint16_t)i;
+            y[i] = (uint16_t)row;
+        }
+        assert_int_equal(cn_pixel_store_gather(copy, W, photo, x, y, gathered), CN_OK);
+        for (uint32_t i = 0; i < W; i++) {
+            const size_t at = 4 * ((size_t)row * W + i);
+            const bool hidden = (row >= 3 && row <= 4 && i >= 8 && i <= 9) || (row == 35 && i >= 78);
+            assert_memory_equal(after + at, before + at, 3 * sizeof(float));
+            assert_float_equal(after[at + 3], hidden ? 0 : 1, 0);
+            assert_float_equal(gathered[4 * i + 3], hidden ? 0 : 1, 0);
+            assert_int_equal(half[at + 3] == 0, hidden);
+            assert_float_equal(other[at + 3], 1, 0);
+        }
+    }
+    free(before);
+    free(other);
+    free(after);
+    cn_pixel_store_close(&copy);
+}
+
 static void a_whole_store_is_left_alone_and_its_photos_used_again(void **state)
 {
     scratch *s = *state;
@@ -435,6 +476,7 @@ int main(void)
         TEST(masks_and_alpha_take_the_weight),
         TEST(a_broken_mask_is_named),
         TEST(gathering_finds_the_pixels_of_a_read),
+        TEST(hidden_cells_have_no_weight),
         TEST(a_whole_store_is_left_alone_and_its_photos_used_again),
         TEST(a_stopped_build_goes_on_where_it_was),
         TEST(damaged_stores_are_refused),
