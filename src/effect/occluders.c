@@ -110,8 +110,8 @@ static const float *colour_at(const finder *f, uint32_t photo, const double xy[2
 
 static int cell_of(const cn_camera *camera, const double xy[2])
 {
-    const int x = (int)floor(xy[0] * X / camera->width), y = (int)floor(xy[1] * Y / camera->height);
-    return x >= 0 && y >= 0 && x < X && y < Y ? y * X + x : -1;
+    const double x = floor(xy[0] * X / camera->width), y = floor(xy[1] * Y / camera->height);
+    return x >= 0 && y >= 0 && x < X && y < Y ? (int)y * X + (int)x : -1;
 }
 
 /* What the photos track, by cells. */
