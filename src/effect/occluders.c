@@ -392,7 +392,7 @@ static void spread(const finder *f, uint32_t photo, int list[CELLS], uint32_t n,
             in[at] = 1;
             list[n++] = at;
         }
-    /* the caller's cells: one more on each side */
+    /* One cell more on each side. */
     for (uint32_t i = 0; i < n; i++)
         for (int y = list[i] / X - 1; y <= list[i] / X + 1; y++)
             for (int x = list[i] % X - 1; x <= list[i] % X + 1; x++)
