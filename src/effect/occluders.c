@@ -17,9 +17,9 @@
 enum { X = CN_HIDDEN_COLUMNS, Y = CN_HIDDEN_ROWS, CELLS = X * Y };
 
 /* Found on sceaux, and looked at on 26 more sets. It finds leaves on sceaux, a car and a tree on herz-jesus, trees, a
- * banner and the sun in the lens on reichstag, and on kitchen parts of two photos whose poses are off; MOST_TOUCHED
- * keeps a statue, and MOST_TOUCHED and the limit of each photo keep a made city by night. None on castle, brighton,
- * lund and sacre-coeur. */
+ * banner and the sun in the lens on reichstag, and on kitchen parts of two photos, one of which has a wrong pose; on
+ * castle, brighton, lund and sacre-coeur it finds nothing. Without MOST_TOUCHED it would take a statue, and without a
+ * limit for each photo the houses of a made city by night. */
 /* MOST_PHOTOS: each takes half a megabyte here, and many others outvote it in training. Not measured apart. */
 enum { MOST_PHOTOS = 400, SAMPLED_POINTS = 6000, MIN_POINTS = 200 };
 enum { FEWEST_CHANGED = 4 }; /* points in a cell and the eight about it */

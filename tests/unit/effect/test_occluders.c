@@ -73,6 +73,30 @@ static void what_many_photos_show_stays(void **state)
     }
 }
 
+/* COLMAP's tracks may have two places in one photo. */
+static void points_may_be_seen_twice(void **state)
+{
+    (void)state;
+    static cn_observation twice[2 * POINTS * VIEWS];
+    cn_occluders found;
+    find(LEAVES, &found);
+    cn_occluders_deinit(&found);
+    for (uint64_t i = 0; i < w.scene.n_observations; i++)
+        twice[2 * i] = twice[2 * i + 1] = w.observations[i];
+    w.scene.observations = twice;
+    w.scene.n_observations *= 2;
+    for (uint32_t p = 0; p < w.scene.n_points; p++) {
+        w.points[p].first_observation *= 2;
+        w.points[p].n_observations *= 2;
+    }
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_int_equal(cn_occluders_find(&input, &w.tile, &found), CN_OK);
+    assert_int_equal(found.n_found, 1);
+    assert_true(cn_occluders_share(&found, LEAVES_VIEW) > 0);
+    cn_occluders_deinit(&found);
+    wall_deinit(&w);
+}
+
 static void few_points_tell_nothing(void **state)
 {
     (void)state;
@@ -93,6 +117,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(leaves_before_one_photo_are_found),
         cmocka_unit_test(what_many_photos_show_stays),
+        cmocka_unit_test(points_may_be_seen_twice),
         cmocka_unit_test(few_points_tell_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
