@@ -149,7 +149,7 @@ static cn_status gather(finder *f)
     uint32_t n = 0, at = 0;
     for (uint32_t p = 0; p < scene->n_points; p++)
         n += count_sightings(f, p) >= 2;
-    const uint32_t step = n / SAMPLED_POINTS + 1;
+    const uint32_t step = n / SAMPLED_POINTS ? n / SAMPLED_POINTS : 1;
     f->points = malloc((n / step + (size_t)1) * sizeof *f->points);
     f->sightings = malloc((scene->n_observations + (size_t)1) * sizeof *f->sightings);
     if (!f->points || !f->sightings) return cn_fail(CN_ERR_NOMEM, "out of memory looking for occluders");
