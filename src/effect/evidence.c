@@ -164,27 +164,23 @@ static const cn_track_observation *nearest_observation(const cn_tracks *t, size_
     return best;
 }
 
-/* The distance of the nearest tracked surface in each cell of a photo, metres; INFINITY where the photo tracks no
- * point. Only points that at least this many views track are used: those stand still. */
-enum { NEAR_X = 32, NEAR_Y = 24, NEAR_CELLS = NEAR_X * NEAR_Y, MIN_TRACK = 3 };
-/* A point counts as hidden where the photo tracks another point next to it at less than this part of its distance.
- * Without this rule a wall behind a parked tractor counts as changing, although nothing moves. Found on castle:
- * evidence 0.070 without it. */
-#define HIDES 0.85
+/* Only points that at least this many views track are used: those stand still. */
+enum { MIN_TRACK = 3 };
 
-static int near_cell(const cn_camera *camera, double x_px, double y_px)
+int cn_track_cell(const cn_camera *camera, double x_px, double y_px)
 {
-    const int x = (int)floor(x_px * NEAR_X / camera->width), y = (int)floor(y_px * NEAR_Y / camera->height);
-    return x >= 0 && y >= 0 && x < NEAR_X && y < NEAR_Y ? y * NEAR_X + x : -1;
+    const double x = floor(x_px * CN_TRACK_COLUMNS / camera->width), y = floor(y_px * CN_TRACK_ROWS / camera->height);
+    return x >= 0 && y >= 0 && x < CN_TRACK_COLUMNS && y < CN_TRACK_ROWS ? (int)y * CN_TRACK_COLUMNS + (int)x : -1;
 }
 
-/* nearest[photo * NEAR_CELLS + cell] of the tile's photos; caller frees. */
+/* nearest[photo * CN_TRACK_CELLS + cell] of the tile's photos: the distance of the nearest tracked surface, metres;
+ * INFINITY where the photo tracks no point. Caller frees. */
 static float *nearest_surfaces(const cn_plan_input *input, const cn_plan_tile *tile)
 {
     const cn_scene *scene = input->scene;
-    float *nearest = malloc(sizeof *nearest * NEAR_CELLS * (tile->n_photos + 1u));
+    float *nearest = malloc(sizeof *nearest * CN_TRACK_CELLS * (tile->n_photos + 1u));
     uint32_t *row = cn_tracks_rows(input, tile);
-    for (size_t i = 0; nearest && row && i < (size_t)NEAR_CELLS * tile->n_photos; i++)
+    for (size_t i = 0; nearest && row && i < (size_t)CN_TRACK_CELLS * tile->n_photos; i++)
         nearest[i] = INFINITY;
     for (uint32_t p = 0; nearest && row && p < scene->n_points; p++) {
         const cn_point *point = &scene->points[p];
@@ -192,11 +188,11 @@ static float *nearest_surfaces(const cn_plan_input *input, const cn_plan_tile *t
             const cn_observation *o = &scene->observations[point->first_observation + i];
             if (row[o->view] == UINT32_MAX) continue;
             const cn_view *view = &scene->views[o->view];
-            const int cell = near_cell(&scene->cameras[view->camera], o->x_px, o->y_px);
+            const int cell = cn_track_cell(&scene->cameras[view->camera], o->x_px, o->y_px);
             if (cell < 0) continue;
             double centre[3];
             cn_view_centre(view, centre);
-            float *at = &nearest[(size_t)row[o->view] * NEAR_CELLS + (size_t)cell];
+            float *at = &nearest[(size_t)row[o->view] * CN_TRACK_CELLS + (size_t)cell];
             *at = fminf(*at, (float)cn_distance3(centre, point->xyz));
         }
     }
@@ -208,13 +204,15 @@ static float *nearest_surfaces(const cn_plan_input *input, const cn_plan_tile *t
     return nearest;
 }
 
-/* Whether a nearer surface is tracked in the cell of a pixel or in one beside it. */
-static bool hidden(const float *nearest, int cell, double distance)
+/* Without this rule a wall behind a parked tractor counts as changing, although nothing moves. Found on castle:
+ * evidence 0.070 without it. */
+#define HIDES 0.85
+bool cn_track_is_hidden(const float nearest[CN_TRACK_CELLS], int cell, double distance)
 {
-    const int x = cell % NEAR_X, y = cell / NEAR_X;
-    for (int v = y > 0 ? y - 1 : 0; v <= y + 1 && v < NEAR_Y; v++)
-        for (int u = x > 0 ? x - 1 : 0; u <= x + 1 && u < NEAR_X; u++)
-            if ((double)nearest[v * NEAR_X + u] < HIDES * distance) return true;
+    const int x = cell % CN_TRACK_COLUMNS, y = cell / CN_TRACK_COLUMNS;
+    for (int v = y > 0 ? y - 1 : 0; v <= y + 1 && v < CN_TRACK_ROWS; v++)
+        for (int u = x > 0 ? x - 1 : 0; u <= x + 1 && u < CN_TRACK_COLUMNS; u++)
+            if ((double)nearest[v * CN_TRACK_COLUMNS + u] < HIDES * distance) return true;
     return false;
 }
 
@@ -278,8 +276,8 @@ static bool untracked_residual(const untracked *u, size_t first, size_t last, ui
     for (int a = 0; a < 3; a++)
         cam[a] += view->translation[a];
     if (!cn_camera_project(camera, cam, xy)) return false;
-    const int cell = near_cell(camera, xy[0], xy[1]);
-    if (cell < 0 || hidden(u->nearest + (size_t)photo * NEAR_CELLS, cell, distance)) return false;
+    const int cell = cn_track_cell(camera, xy[0], xy[1]);
+    if (cell < 0 || cn_track_is_hidden(u->nearest + (size_t)photo * CN_TRACK_CELLS, cell, distance)) return false;
     return least_residual(u, view, xy, p->log2_luminance + t->gain[photo], residual);
 }
 

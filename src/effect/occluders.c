@@ -15,6 +15,8 @@
 #include <string.h>
 
 enum { X = CN_HIDDEN_COLUMNS, Y = CN_HIDDEN_ROWS, CELLS = X * Y };
+_Static_assert((int)CELLS == (int)CN_TRACK_CELLS && (int)X == (int)CN_TRACK_COLUMNS,
+               "what a photo tracks is counted in the cells that are hidden");
 
 /* Found on sceaux, and looked at on 26 more sets. It finds leaves on sceaux, a car and a tree on herz-jesus, trees, a
  * banner and the sun in the lens on reichstag, and on kitchen parts of two photos, one of which has a wrong pose; on
@@ -31,7 +33,6 @@ enum { FEWEST_CELLS = 6, FEWEST_TOGETHER = 4 };
 #define SAME_SIDE 0.9397   /* cosine of 20 degrees to a photo that tracks the point */
 #define NEARER 0.75        /* the distance from the point over that photo's, at least ... */
 #define FARTHER 1.3        /* ... and at most */
-#define HIDES 0.85         /* a tracked point at this part of the distance hides it, and is known */
 #define LIKE_STOPS 1.5     /* cells of the same thing: their mean colours ... */
 #define LIKE_CONTRAST 2.5  /* ... and the ratio of their contrasts */
 #define LEAST_CONTRAST 0.1 /* stops */
@@ -108,12 +109,6 @@ static const float *colour_at(const finder *f, uint32_t photo, const double xy[2
     return s->colour[v * s->width + u];
 }
 
-static int cell_of(const cn_camera *camera, const double xy[2])
-{
-    const double x = floor(xy[0] * X / camera->width), y = floor(xy[1] * Y / camera->height);
-    return x >= 0 && y >= 0 && x < X && y < Y ? (int)y * X + (int)x : -1;
-}
-
 /* What the photos track, by cells. */
 static void note_tracked(finder *f)
 {
@@ -124,7 +119,7 @@ static void note_tracked(finder *f)
             const uint32_t photo = f->row[o->view];
             if (photo == UINT32_MAX) continue;
             const cn_view *view = &scene->views[o->view];
-            const int cell = cell_of(&scene->cameras[view->camera], (const double[2]){ o->x_px, o->y_px });
+            const int cell = cn_track_cell(&scene->cameras[view->camera], o->x_px, o->y_px);
             if (cell < 0) continue;
             double centre[3];
             cn_view_centre(view, centre);
@@ -252,14 +247,6 @@ static bool should_see(const finder *f, const seen_point *point, uint32_t photo,
     return seen;
 }
 
-static bool is_hidden(const float near[CELLS], int cell, double distance)
-{
-    for (int y = cell / X - 1; y <= cell / X + 1; y++)
-        for (int x = cell % X - 1; x <= cell % X + 1; x++)
-            if (x >= 0 && y >= 0 && x < X && y < Y && (double)near[y * X + x] < HIDES * distance) return true;
-    return false;
-}
-
 /* The least difference of the colours about a place from that of the point. At an edge a small error of the pose shows
  * another colour. */
 static float least_difference(const finder *f, uint32_t photo, const double xy[2], const float mean[3])
@@ -290,8 +277,8 @@ static void note_untracked(finder *f, uint32_t photo)
         for (int a = 0; a < 3; a++)
             cam[a] += view->translation[a];
         if (!cn_camera_project(camera, cam, xy)) continue;
-        const int cell = cell_of(camera, xy);
-        if (cell < 0 || is_hidden(f->near[photo], cell, distance)) continue;
+        const int cell = cn_track_cell(camera, xy[0], xy[1]);
+        if (cell < 0 || cn_track_is_hidden(f->near[photo], cell, distance)) continue;
         const float difference = least_difference(f, photo, xy, point->mean);
         if (difference > f->limit[photo] && isfinite(difference))
             f->changed[photo][cell]++;

@@ -64,6 +64,13 @@ double cn_tracks_light(const cn_tracks *tracks);
  * square root of the mean product of two residuals of one photo whose points are neighbours: noise and errors of
  * matching do not agree between neighbours, light does. NaN for fewer than 500 pairs. */
 double cn_tracks_local_light(const cn_tracks *tracks);
+/* Cells of a photo, each an equal part of its width and of its height, row by row. */
+enum { CN_TRACK_COLUMNS = 32, CN_TRACK_ROWS = 24, CN_TRACK_CELLS = CN_TRACK_COLUMNS * CN_TRACK_ROWS };
+/* That of a pixel of the camera; -1 outside the picture. */
+int cn_track_cell(const cn_camera *camera, double x_px, double y_px);
+/* Whether a photo tracks another point at less than 0.85 of a point's distance, in its cell or in one beside it.
+ * nearest: the distance of the nearest that it tracks, INFINITY where there is none. */
+bool cn_track_is_hidden(const float nearest[CN_TRACK_CELLS], int cell, double distance);
 /* Evidence of transients, as the effect's file describes it; NaN when it cannot be measured. */
 double cn_tracks_transient(const cn_plan_input *input, const cn_plan_tile *tile);
 #endif
