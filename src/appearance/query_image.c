@@ -80,9 +80,9 @@ cn_status cn_query_image_localise(const cn_context *ctx, const cn_dataset *datas
     }
     cn_status status = find_in(ctx, dataset, &(task){ path, dir, work }, query);
     if (status == CN_OK)
-        status = cn_model_remove(work);
+        status = cn_folder_remove(work);
     else
-        (void)!cn_model_remove(work);
+        (void)!cn_folder_remove(work);
     if (status != CN_OK) cn_query_image_deinit(query);
     free(work);
     return status;

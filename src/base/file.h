@@ -31,6 +31,8 @@ bool cn_file_exists(const char *path);
 CN_NODISCARD cn_status
 cn_folder_make(const char *path); /* makes the folder and its parents, durably; no error when it exists */
 CN_NODISCARD cn_status cn_folder_of_make(const char *path); /* the folder that path lies in */
+/* Removes a folder with all that is in it; no error when it does not exist. */
+CN_NODISCARD cn_status cn_folder_remove(const char *path);
 /* The next name in an open folder, except "." and ".."; NULL at the end. The name is valid until the next call.
  * CN_ERR_IO: the folder cannot be read; the message names it. */
 CN_NODISCARD cn_status cn_folder_next(DIR *dir, const char *path, const char **name);

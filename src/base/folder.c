@@ -2,6 +2,8 @@
 #include "base/file.h"
 
 #include <errno.h>
+#include <ftw.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -69,4 +71,19 @@ cn_status cn_file_remove(const char *path)
     if (unlink(path) == 0) return cn_file_sync_folder(path);
     if (errno == ENOENT) return CN_OK;
     return cn_fail(CN_ERR_IO, "cannot remove %s: %s", path, strerror(errno));
+}
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
+{
+    (void)info;
+    (void)kind;
+    (void)walk;
+    return remove(path);
+}
+
+cn_status cn_folder_remove(const char *path)
+{
+    if (nftw(path, remove_entry, 16, FTW_DEPTH | FTW_PHYS) == 0 || errno == ENOENT) return CN_OK;
+    return cn_fail(CN_ERR_IO, "cannot remove the folder %s: %s; remove it yourself and run the same command again",
+                   path, strerror(errno));
 }

@@ -186,7 +186,7 @@ static cn_status map_group(const cn_context *ctx, const cn_pose_work *work, cons
     uint32_t n_models = 0;
     cn_status status = dir && model && core ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = cn_pose_from_photos(&task, &scene, &frame, &n_models);
-    if (status == CN_OK) status = cn_model_remove(model);
+    if (status == CN_OK) status = cn_folder_remove(model);
     if (status == CN_OK) status = cn_scene_write_colmap(&scene, model);
     if (status == CN_OK)
         status =

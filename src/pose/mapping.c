@@ -28,7 +28,7 @@
 /* One program of COLMAP, whose model goes to a folder that is made anew. */
 static cn_status run_to(cn_colmap_job *j, const char *const *argv, const char *output, int *exit_code)
 {
-    CN_TRY(cn_model_remove(output));
+    CN_TRY(cn_folder_remove(output));
     CN_TRY(cn_folder_make(output));
     return cn_job_run(j, argv, exit_code);
 }
@@ -93,7 +93,7 @@ static cn_status run_colmaps_global(cn_colmap_job *j, const char *sparse)
     CN_TRY(run_to(j, argv, sparse, &exit_code));
     if (exit_code == 0) return CN_OK;
     cn_log(j->ctx, CN_LOG_WARN, "COLMAP's global mapper gives no model (exit code %d)", exit_code);
-    return cn_model_remove(sparse);
+    return cn_folder_remove(sparse);
 }
 
 /* Folders of the steps that follow Conurb's global mapper. */
@@ -142,14 +142,14 @@ static cn_status finish_global(cn_colmap_job *j, const cn_scene *scene, const st
                                    fix_focal ? "0" : "1",
                                    NULL };
     int exit_code;
-    CN_TRY(cn_model_remove(s->placed));
+    CN_TRY(cn_folder_remove(s->placed));
     CN_TRY(cn_scene_write_colmap(scene, s->placed));
     CN_TRY(run_to(j, triangulate, s->points, &exit_code));
     if (exit_code == 0) CN_TRY(run_to(j, adjust, adjusted, &exit_code));
     if (exit_code) {
         cn_log(j->ctx, CN_LOG_WARN, "COLMAP does not go on from poses that were found at once: %s; see %s", j->last,
                j->log);
-        return cn_model_remove(adjusted);
+        return cn_folder_remove(adjusted);
     }
     return whole ? CN_OK : add_the_rest(j, s, fix_focal);
 }
@@ -177,7 +177,7 @@ static cn_status map_at_once(cn_colmap_job *j, const cn_mapping *how, const char
     if (cn_job_is_done(j)) CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
     if (out->model) return CN_OK;
     CN_TRY(cn_job_unmark(j));
-    CN_TRY(cn_model_remove(sparse));
+    CN_TRY(cn_folder_remove(sparse));
     CN_TRY(how->global == CN_GLOBAL_COLMAP ? run_colmaps_global(j, sparse) : run_own_global(j, sparse, how->fix_focal));
     CN_TRY(cn_colmap_find_model(sparse, &out->model, &out->n_models));
     return out->model ? cn_job_mark_done(j) : CN_OK;

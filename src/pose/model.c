@@ -4,8 +4,6 @@
 #include "pose/lens.h"
 #include "pose/scene.h"
 
-#include <errno.h>
-#include <ftw.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -54,20 +52,6 @@ uint32_t cn_model_photos(const char *dir)
     n = scene.n_views;
     cn_scene_deinit(&scene);
     return (uint32_t)n;
-}
-
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
-
-cn_status cn_model_remove(const char *dir)
-{
-    if (nftw(dir, remove_entry, 16, FTW_DEPTH | FTW_PHYS) == 0 || errno == ENOENT) return CN_OK;
-    return cn_fail(CN_ERR_IO, "%s: cannot be removed: %s", dir, strerror(errno));
 }
 
 static bool put(cn_writer *writer, const void *data, size_t size)

@@ -220,7 +220,7 @@ static cn_status save_report(const cn_pose_report *report, const cn_frame *frame
 static cn_status swap_model(const char *fresh, const char *model, const char *done)
 {
     CN_TRY(cn_file_remove(done));
-    CN_TRY(cn_model_remove(model));
+    CN_TRY(cn_folder_remove(model));
     if (rename(fresh, model) == 0) return CN_OK;
     return cn_fail(CN_ERR_IO, "%s: cannot be renamed to %s: %s", fresh, model, strerror(errno));
 }
@@ -271,7 +271,7 @@ static cn_status save_all(const cn_colmap_task *task, const found *f, const cn_p
     char *model = cn_path_join(dir, "model"), *fresh = cn_path_join(dir, "model-new");
     char *done = cn_path_join(dir, "poses.json");
     cn_status status = model && fresh && done ? CN_OK : cn_fail(CN_ERR_NOMEM, "%s: out of memory", dir);
-    if (status == CN_OK) status = cn_model_remove(fresh);
+    if (status == CN_OK) status = cn_folder_remove(fresh);
     if (status == CN_OK) status = cn_scene_write_colmap(&f->posed.scene, fresh);
     if (status == CN_OK) status = swap_model(fresh, model, done);
     if (status == CN_OK) status = cn_frame_save(&f->posed.frame, frame_path);

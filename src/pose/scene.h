@@ -35,8 +35,6 @@ CN_NODISCARD cn_status cn_raw_read_binary(cn_raw_model *raw, const char *dir);
 CN_NODISCARD cn_status cn_raw_read_text(cn_raw_model *raw, const char *dir);
 /* Number of registered photos of the model in DIR; 0 when there is none. */
 uint32_t cn_model_photos(const char *dir);
-/* Removes a folder of models with its contents; no error when it does not exist. */
-CN_NODISCARD cn_status cn_model_remove(const char *dir);
 
 CN_NODISCARD cn_status cn_scene_sort_views(cn_scene *scene);
 /* Keeps the views i with keep[i], their observations, and the points that at least one view still sees. */

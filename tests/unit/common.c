@@ -7,23 +7,14 @@
 
 #include "base/file.h"
 
-#include <ftw.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
-{
-    (void)info;
-    (void)kind;
-    (void)walk;
-    return remove(path);
-}
-
 int folder_remove(const char *folder)
 {
-    return nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    return cn_folder_remove(folder) == CN_OK ? 0 : -1;
 }
 
 size_t file_count(const char *folder, const char *name, const char *word)

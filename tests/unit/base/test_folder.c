@@ -1,8 +1,10 @@
-/* An error while a folder is read, as on a failing network, must not be taken for its end. */
+/* Folders: removed with all that is in them; an error while one is read, as on a failing network, is not its end. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
 #include <cmocka.h>
+
+#include "../common.h"
 
 #include "base/file.h"
 #include "base/schedule.h"
@@ -14,6 +16,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 static char folder[64];
 static int entries_left = -1; /* then reading fails; -1: never */
@@ -41,10 +44,8 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    char command[96];
     entries_left = -1;
-    snprintf(command, sizeof command, "rm -rf '%s'", folder);
-    return system(command);
+    return folder_remove(folder);
 }
 
 static void put(const char *name)
@@ -80,6 +81,27 @@ static void test_photos(void **state)
     assert_non_null(strstr(cn_error_message(), folder));
 }
 
+/* A link goes, what it leads to stays. */
+static void test_remove(void **state)
+{
+    (void)state;
+    char inner[96], link[128];
+    snprintf(inner, sizeof inner, "%s/model/sparse", folder);
+    snprintf(link, sizeof link, "%s/link", inner);
+    assert_int_equal(cn_folder_make(inner), CN_OK);
+    put("kept");
+    put("model/sparse/points3D.bin");
+    assert_int_equal(symlink("../..", link), 0);
+    snprintf(inner, sizeof inner, "%s/model", folder);
+    assert_int_equal(cn_folder_remove(inner), CN_OK);
+    assert_false(cn_file_exists(inner));
+    snprintf(link, sizeof link, "%s/kept", folder);
+    assert_true(cn_file_exists(link));
+    assert_int_equal(cn_folder_remove(inner), CN_OK); /* it is gone already */
+    assert_int_equal(cn_folder_remove("/proc/self/fd"), CN_ERR_IO);
+    assert_non_null(strstr(cn_error_message(), "cannot remove the folder /proc/self/fd"));
+}
+
 /* Some threads are unknown, so the result must be unknown: half of them would look like an idle machine. */
 static void test_schedule(void **state)
 {
@@ -96,6 +118,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test_setup_teardown(test_sweep, set_up, tear_down),
                                         cmocka_unit_test_setup_teardown(test_photos, set_up, tear_down),
+                                        cmocka_unit_test_setup_teardown(test_remove, set_up, tear_down),
                                         cmocka_unit_test_setup_teardown(test_schedule, set_up, tear_down) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

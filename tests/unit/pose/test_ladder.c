@@ -299,7 +299,7 @@ static void test_failure(void **state)
     assert_non_null(strstr(logged, "signal 9"));
     cn_colmap_result_deinit(&result);
     write_program("*) none;;");
-    assert_int_equal(cn_model_remove(work), CN_OK);
+    assert_int_equal(cn_folder_remove(work), CN_OK);
     assert_int_equal(cn_folder_make(work), CN_OK);
     assert_int_equal(run(&result), CN_ERR_DATA);
     assert_null(result.model);
@@ -446,7 +446,7 @@ static void test_bad_gps(void **state)
     assert_int_equal(calls("mapper "), 2);
     assert_non_null(strstr(logged, "two attempts agree"));
     cn_colmap_result_deinit(&result);
-    assert_int_equal(cn_model_remove(work), CN_OK);
+    assert_int_equal(cn_folder_remove(work), CN_OK);
     assert_int_equal(cn_folder_make(work), CN_OK);
     options.attempts = 3;
     write_program("*sparse) give block;;\n*sparse-2) give apart;;\n*sparse-3) give same;;");

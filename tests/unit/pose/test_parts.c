@@ -136,7 +136,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    return cn_model_remove(folder) == CN_OK ? 0 : -1;
+    return folder_remove(folder);
 }
 
 static void find(cn_colmap_task *task, cn_scene *main, cn_frame *frame, cn_parts *parts)

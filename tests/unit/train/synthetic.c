@@ -143,9 +143,7 @@ void synthetic_scene_deinit(synthetic_scene *synthetic)
     cn_photo_index_deinit(&synthetic->index);
     free(synthetic->tile.photos);
     free(synthetic->tile.held_out);
-    char *command = cn_format("rm -rf %s", synthetic->folder);
-    if (system(command) != 0) abort();
-    free(command);
+    if (cn_folder_remove(synthetic->folder) != CN_OK) abort();
 }
 
 cn_train_options synthetic_options(void)
