@@ -5,15 +5,17 @@
 
 #include <math.h>
 
-void cn_box_contract(const cn_box *box, const double point[3], float x[3])
+double cn_box_contract(const cn_box *box, const double point[3], float x[3])
 {
     double v[3], m = 1;
     for (int a = 0; a < 3; a++) {
         v[a] = (point[a] - box->centre[a]) / box->half_extent[a];
         m = fmax(m, fabs(v[a]));
     }
+    const double factor = cn_contraction(m);
     for (int a = 0; a < 3; a++)
-        x[a] = (float)(0.25 * (v[a] * cn_contraction(m) + 2));
+        x[a] = (float)(0.25 * (v[a] * factor + 2));
+    return factor;
 }
 
 float cn_box_inv_extent(const cn_box *box)

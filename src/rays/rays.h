@@ -32,8 +32,9 @@ void cn_ray_generator_init(cn_ray_generator *generator, const cn_camera *camera,
 bool cn_ray_generator_ray(const cn_ray_generator *generator, double x_px, double y_px, cn_ray *ray);
 /* The ray from a point of the local frame (metres) along a unit direction. */
 void cn_ray_make(const cn_box *box, const double origin[3], const double dir[3], cn_ray *ray);
-/* The contracted position, 0 to 1, of a point of the local frame (metres). */
-void cn_box_contract(const cn_box *box, const double point[3], float x[3]);
+/* The contracted position, 0 to 1, of a point of the local frame (metres). Returns the factor by which the contraction
+ * multiplies positions there: 1 in the box. */
+double cn_box_contract(const cn_box *box, const double point[3], float x[3]);
 /* 1 / mean half extent, 1/m. */
 float cn_box_inv_extent(const cn_box *box);
 /* Factors along each axis: from box units to mean half extents, back, and from metres to box units. Training multiplies

@@ -1,9 +1,9 @@
 #include "render/density.h"
 
-#include "base/contraction.h"
 #include "device/device.h"
 #include "device/trace.h"
 #include "field/occupancy.h"
+#include "rays/rays.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -39,15 +39,10 @@ void cn_density_probe_deinit(cn_density_probe *p)
 /* The contracted place. Returns what turns the field's density into 1/m there. *empty: whether the tile is. */
 static float contract(const cn_density_probe *p, const double xyz[3], float x[3], bool *empty)
 {
-    const cn_box *box = &p->tile->box;
-    for (int a = 0; a < 3; a++)
-        x[a] = (float)((xyz[a] - box->centre[a]) / box->half_extent[a]);
-    const float s = cn_contraction_float(fmaxf(fabsf(x[0]), fmaxf(fabsf(x[1]), fabsf(x[2]))));
-    for (int a = 0; a < 3; a++)
-        x[a] = x[a] * s * 0.25f + 0.5f;
+    const float factor = (float)cn_box_contract(&p->tile->box, xyz, x);
     const uint32_t cell = cn_occupancy_cell(x[0], x[1], x[2]);
     *empty = !(p->tile->occupancy[cell / 32] >> cell % 32 & 1);
-    return p->inv_extent * s;
+    return p->inv_extent * factor;
 }
 
 static void put(const cn_density_probe *p, size_t i, const float x[3])

@@ -8,7 +8,7 @@
  * apart. */
 #include "train/support.h"
 
-#include "base/contraction.h"
+#include "rays/rays.h"
 
 #include <float.h>
 #include <math.h>
@@ -40,21 +40,16 @@ uint32_t cn_support_cell(float x, float y, float z)
 }
 
 /* The cell along one axis, so many cells from that of a contracted coordinate. */
-static uint32_t cell_about(double contracted, int offset)
+static uint32_t cell_about(float contracted, int offset)
 {
-    const double cell = floor((contracted + 2) * RES / 4) + offset;
-    return (uint32_t)fmin(fmax(cell, 0), RES - 1);
+    const float cell = floorf(contracted * RES) + (float)offset;
+    return (uint32_t)fminf(fmaxf(cell, 0), RES - 1);
 }
 
 static void trust_about(cn_support *s, const cn_box *box, const double point[3])
 {
-    double x[3], m = 1;
-    for (int a = 0; a < 3; a++) {
-        x[a] = (point[a] - box->centre[a]) / box->half_extent[a];
-        m = fmax(m, fabs(x[a]));
-    }
-    for (int a = 0; a < 3; a++)
-        x[a] *= cn_contraction(m);
+    float x[3];
+    cn_box_contract(box, point, x);
     for (int i = 0; i < 27; i++) {
         const uint32_t cx = cell_about(x[0], i % 3 - 1), cy = cell_about(x[1], i / 3 % 3 - 1),
                        cz = cell_about(x[2], i / 9 - 1);
