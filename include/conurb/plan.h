@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 #define CN_TILE_ID_SIZE 32
-#define CN_MAX_EFFECTS 8
+#define CN_MAX_EFFECTS 16
 
 typedef enum cn_layout { CN_LAYOUT_AUTO, CN_LAYOUT_GRID, CN_LAYOUT_CENTRES } cn_layout;
 
@@ -19,7 +19,8 @@ typedef struct cn_plan_effect {
                     * "stereo_depth", "vignetting" */
     bool on;
     double evidence, threshold; /* NaN evidence: it cannot be measured */
-    char reason[64];            /* "evidence", "city.yaml", "not measurable" */
+    char reason[64];            /* "evidence", "city.yaml", "not measurable", or the result of a short training, as in
+                                 * "probe: +0.3 dB" */
     double cost_s;
     int64_t cost_bytes; /* seconds and bytes that it adds, or would add, to the tile's training */
 } cn_plan_effect;

@@ -135,7 +135,7 @@ typedef enum cn_control_heights { CN_CONTROL_ELLIPSOID, CN_CONTROL_SEA_LEVEL } c
 typedef struct cn_pose_options {
     const char *import;       /* poses of another tool, or NULL to run COLMAP; see cn_pose_run */
     const char *colmap;       /* the COLMAP program; default "colmap" */
-    cn_matcher matcher;       /* auto: GPS neighbours when most photos have GPS, else every pair */
+    cn_matcher matcher;       /* default: auto */
     cn_match_with match_with; /* default: Conurb; guided matching is always COLMAP's */
     cn_mapper mapper;         /* default: auto */
     uint32_t neighbours;      /* GPS matching: neighbours to match each photo with (default 20) */
@@ -193,10 +193,10 @@ CN_API void cn_pose_report_deinit(cn_pose_report *report);
  * photo has the camera EQUIRECTANGULAR. cn_pose_locate finds no pose among such photos.
  *
  * Imports: a COLMAP model folder, a transforms.json (nerfstudio, instant-ngp), the reconstruction.json of OpenSfM and
- * ODM, the bundle.out of Bundler with its list.txt, all also inside the folder of a project, or the .nvm of VisualSfM.
- * When the file states where its origin lies (reference_lla), the poses
- * keep their place, unless the median photo's GPS is more than max_error_m off. A lens with terms that cn_lens lacks
- * is approximated; the log says how well.
+ * ODM, the bundle.out of Bundler with its list.txt, all also inside the folder of a project, the .nvm of VisualSfM, the
+ * cameras.xml of Metashape, a table of RealityCapture, or the folder of a capture by Polycam or Record3D. When the file
+ * states where its origin lies (reference_lla), the poses keep their place, unless the median photo's GPS is more than
+ * max_error_m off. A lens with terms that cn_lens lacks is approximated; the log says how well.
  *
  * When fewer than 60 % of at least 8 photos agree with their GPS, imported poses are in doubt. Then (check_import) the
  * poses are found anew from the photos, and used if clearly more photos agree with their GPS; the log says so.
@@ -221,7 +221,7 @@ CN_API CN_NODISCARD cn_status cn_pose_run(const cn_context *ctx, const cn_photo_
  * photos are split by place (by GPS; else by their order, or by which photos look alike) into overlapping groups, each
  * is mapped on its own (by several processes or machines, if need be), and the models are merged: see
  * src/pose/groups.h and src/pose/merge.h. Where the installed COLMAP has a global mapper (COLMAP 4; GLOMAP, Pan et al.
- * 2024), it maps the groups, and the incremental one is what it falls back to.
+ * 2024), it maps the groups, else Conurb's does. Where that fails, COLMAP's incremental mapper follows.
  *
  * The steps share dir/groups. Each can be killed and run again; COLMAP's part of a group resumes after its last
  * complete step. */

@@ -30,13 +30,14 @@ CN_API CN_NODISCARD cn_status cn_city_poses_split(const cn_context *ctx, cn_city
 CN_API CN_NODISCARD cn_status cn_city_poses_group(const cn_context *ctx, cn_city *city, uint32_t group);
 CN_API CN_NODISCARD cn_status cn_city_poses_merge(const cn_context *ctx, cn_city *city);
 /* Makes the plan of tiles. dry_run: log the plan and write nothing. forecast: at the end, log what training the tiles
- * takes on this machine with each preset (cn_train_speed_predict). Measured speeds are kept in the user's cache
+ * takes on this machine with each preset but compact (cn_train_speed_predict). Measured speeds are kept in the user's
+ * cache
  * ($XDG_CACHE_HOME/conurb/speed.json). */
 CN_API CN_NODISCARD cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run, bool forecast);
 /* Trains a tile; tile NULL: all tiles. A tile that fails does not stop the others; the message at the end names each
  * with its reason and its log. quality < 0: from city.yaml. time_budget_s: seconds per tile; 0: from city.yaml. With a
- * budget, and neither a quality nor a field size given here or in city.yaml, both are chosen to suit it
- * (cn_train_choose). CN_ERR_LOCKED: another process is training the tile. */
+ * budget, and when neither a quality is given nor city.yaml sets one, samples_per_step, march_step or a key of field,
+ * all these are chosen to suit it (cn_train_choose). CN_ERR_LOCKED: another process is training the tile. */
 CN_API CN_NODISCARD cn_status cn_city_train(const cn_context *ctx, cn_city *city, const char *tile, int quality,
                                             double time_budget_s);
 /* Aligns one appearance between all trained tiles (cn_appearance_align). appearance: as in cn_city_render_options.

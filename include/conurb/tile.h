@@ -69,8 +69,9 @@ typedef struct cn_appearance {
     uint32_t n;
     float row[CN_APPEARANCE_MAX];
 } cn_appearance;
-/* The row of a photo; photo NULL: the mean of the photos trained on. For a held-out photo, the trained values are the
- * mean. CN_ERR_USAGE: the tile does not know the photo. */
+/* The row of a photo; photo NULL: the mean of the photos trained on. For a held-out photo, the values are
+ * those that its capture run and its neighbours suggest, else the mean. CN_ERR_USAGE: the tile does not know the photo.
+ */
 CN_API CN_NODISCARD cn_status cn_tile_appearance(const cn_tile *tile, const char *photo, cn_appearance *appearance);
 /* out = (1 - t) a + t b. a and b must be of the same tile; out may be a or b; t may lie outside [0, 1]. */
 CN_API void cn_appearance_mix(const cn_appearance *a, const cn_appearance *b, double t, cn_appearance *out);

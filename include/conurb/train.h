@@ -31,7 +31,7 @@ typedef struct cn_train_options {
     bool depth_maps;          /* use the depth maps of the pixel store, where photos have them */
     cn_depth_kind depth_kind; /* as in cn_photo_maps */
     cn_depth_along depth_along;
-    bool leave_out_occluders; /* what one photo alone shows before what others see; default true */
+    bool leave_out_occluders; /* what only one photo shows, in front of what others see; default true */
     double learning_rate;
     double march_step;         /* a sample's step divided by its distance, at the end of the schedule; longer before */
     double checkpoint_every_s; /* seconds between checkpoints; default 60 */

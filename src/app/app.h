@@ -28,7 +28,7 @@ typedef struct cn_app_option {
     const char *help;     /* one or more short sentences, without the last full stop */
     cn_app_kind kind;
     size_t offset;      /* offset of its member in the command's struct: bool, const char * or double */
-    const char *values; /* words that completion offers, separated by blanks; or NULL */
+    const char *values; /* words that completion offers, separated by blanks; --help lists those of a choice; or NULL */
 } cn_app_option;
 
 /* A parsed command line. */

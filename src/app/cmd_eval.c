@@ -118,7 +118,7 @@ static const cn_app_option table[] = { { "json", NULL, "print JSON", CN_APP_FLAG
                                        { "blend", "NAME",
                                          "how tiles are blended, instead of as in city.yaml; the result goes to "
                                          "CITY/eval-NAME. all: score every way and print a table",
-                                         CN_APP_TEXT, offsetof(options, blend), CN_APP_BLENDS " all" },
+                                         CN_APP_CHOICE, offsetof(options, blend), CN_APP_BLENDS " all" },
                                        { "geometry", "REF.ply",
                                          "score the surface instead: a mesh of the city (CITY/eval/mesh.ply) against "
                                          "points or triangles in the same local metres; points: against the sparse "

@@ -6,10 +6,10 @@ typedef struct options {
 } options;
 
 static const cn_app_option table[] = {
-    { "photos", "DIR", "folder of the photos (JPEG, HEIC, PNG, TIFF, EXR). Masks go in DIR/masks/NAME.png", CN_APP_TEXT,
-      offsetof(options, photos), NULL },
-    { "import", "FILE",
-      "take the poses from another tool: a COLMAP model folder or a file (see the README), and do not run COLMAP",
+    { "photos", "DIR", "folder of the photos (JPEG, HEIC, PNG, TIFF, EXR, WebP). Masks go in DIR/masks/NAME.png",
+      CN_APP_TEXT, offsetof(options, photos), NULL },
+    { "import", "PATH",
+      "take the poses from another tool, a file or a folder (the README lists the kinds), and do not run COLMAP",
       CN_APP_TEXT, offsetof(options, import), NULL },
     { "width", "PX", "width in pixels to which the photos are scaled down; by default 800", CN_APP_NUMBER,
       offsetof(options, width), NULL },

@@ -27,7 +27,8 @@ const cn_app_command cn_app_plan = {
     .forms = "CITY",
     .about =
         "Writes CITY/plan/plan.json and a map, CITY/plan/plan.svg. At the end it prints the time and the memory that "
-        "training needs on this machine, for each preset. The first call measures the machine for some seconds.",
+        "training needs on this machine, for each preset but compact. The first call measures the machine for some "
+        "seconds.",
     .example = "conurb plan beach && xdg-open beach/plan/plan.svg",
     .min_operands = 1,
     .max_operands = 1,

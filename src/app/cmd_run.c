@@ -27,8 +27,9 @@ static const cn_app_option table[] = {
     { "quality", "NAME", "preset, instead of the one in city.yaml; its other settings hold", CN_APP_CHOICE,
       offsetof(options, quality), CN_APP_QUALITIES },
     { "time-budget", "T",
-      "training time for each tile: 90s, 20m, 2h. Without --quality, the settings are chosen to suit it", CN_APP_TIME,
-      offsetof(options, time_budget_s), NULL },
+      "training time for each tile: 90s, 20m, 2h. When neither --quality nor city.yaml sets a quality, "
+      "samples_per_step, march_step or a key of field, the settings are chosen to suit it",
+      CN_APP_TIME, offsetof(options, time_budget_s), NULL },
     { "dry-run", NULL, "print what is done, what is due and why; write nothing", CN_APP_FLAG,
       offsetof(options, dry_run), NULL },
     { "view", NULL, "also show the city in the browser, as `conurb view` does, until Ctrl-C", CN_APP_FLAG,

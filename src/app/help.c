@@ -64,8 +64,9 @@ static void print_options(const cn_app_option *options)
             printf("\n%*s", 24, "");
         else
             printf("%*s", 22 - n, "");
-        if (o->values) cn_app_list_values(o->values, values);
-        snprintf(text, sizeof text, "%s%s%s", o->help, o->values ? ". Values: " : "", o->values ? values : "");
+        const bool choice = o->kind == CN_APP_CHOICE;
+        if (choice) cn_app_list_values(o->values, values);
+        snprintf(text, sizeof text, "%s%s%s", o->help, choice ? ". Values: " : "", choice ? values : "");
         print_wrapped(text, 24, 24);
     }
 }
@@ -148,7 +149,7 @@ static void put_man_options(FILE *out, const cn_app_option *options)
         }
         fputc('\n', out);
         put_roff(out, o->help, strlen(o->help));
-        if (o->values) {
+        if (o->kind == CN_APP_CHOICE) {
             char values[256];
             cn_app_list_values(o->values, values);
             fputs(". Values: ", out);

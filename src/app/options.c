@@ -10,11 +10,10 @@ const cn_app_option cn_app_common_options[] = {
     { "threads", "N", "use N threads; by default one for each processor", CN_APP_TEXT,
       offsetof(cn_app_common, threads_text), NULL },
     { "device", "NAME",
-      "device that computes, as listed by conurb doctor; by default "
-      "$CONURB_DEVICE, else train.device of city.yaml, else a graphics processor where there is one, else cpu; "
-      "several with commas, or "
-      "gpu:all: they train several tiles at once",
-      CN_APP_TEXT, offsetof(cn_app_common, device), "auto cpu gpu gpu:0" },
+      "where to train and render: auto, cpu, gpu, gpu:1 and so on, as listed by conurb doctor; several with commas, or "
+      "gpu:all, train several tiles at once. By default $CONURB_DEVICE, else for plan, train and run train.device of "
+      "city.yaml, else a graphics processor where there is one, else cpu",
+      CN_APP_TEXT, offsetof(cn_app_common, device), "auto cpu gpu gpu:0 gpu:all" },
     { "help", NULL, "show this help", CN_APP_FLAG, offsetof(cn_app_common, help), NULL },
     { 0 }
 };

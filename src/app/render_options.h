@@ -28,7 +28,7 @@
         "camera", "NAME",                                                                                              \
             "equirectangular: pictures of all directions, twice as wide as high, with a level horizon; pinhole: as "   \
             "usual",                                                                                                   \
-            CN_APP_TEXT, offsetof(options, render.camera), "pinhole equirectangular"                                   \
+            CN_APP_CHOICE, offsetof(options, render.camera), "pinhole equirectangular"                                 \
     }
 #define CN_OPTION_APPEARANCE                                                                                           \
     {                                                                                                                  \
@@ -40,8 +40,8 @@
     }
 #define CN_OPTION_VIEW                                                                                                 \
     {                                                                                                                  \
-        "view", "NAME", "how linear colours are encoded for the screen", CN_APP_TEXT, offsetof(options, render.view),  \
-            "sRGB ACES"                                                                                                \
+        "view", "NAME", "how linear colours are encoded for the screen: sRGB, ACES, Raw, or a view of $OCIO",          \
+            CN_APP_TEXT, offsetof(options, render.view), "sRGB ACES"                                                   \
     }
 #define CN_OPTION_LOOK                                                                                                 \
     {                                                                                                                  \
@@ -60,7 +60,7 @@
     }
 #define CN_OPTION_BLEND                                                                                                \
     {                                                                                                                  \
-        "blend", "NAME", "how tiles are blended; by default as in city.yaml", CN_APP_TEXT,                             \
+        "blend", "NAME", "how tiles are blended; by default as in city.yaml", CN_APP_CHOICE,                           \
             offsetof(options, render.blend), CN_APP_BLENDS                                                             \
     }
 #define CN_OPTION_OUT                                                                                                  \

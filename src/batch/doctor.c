@@ -222,8 +222,8 @@ static void check_colmap(const cn_context *ctx, cn_check *check)
     if (!check->good) return;
     const bool has = ask(ctx, help, "global_mapper", global, sizeof global) && strstr(global, "global_mapper");
     const size_t used = strlen(check->found);
-    snprintf(check->found + used, sizeof check->found - used, "; groups of photos are mapped by its %s",
-             has ? "global mapper" : "incremental mapper (COLMAP 4 has a global one, which is faster)");
+    snprintf(check->found + used, sizeof check->found - used, "; groups of photos are mapped by %s global mapper",
+             has ? "its" : "Conurb's");
 }
 
 static void check_slurm(const cn_context *ctx, cn_check *check)

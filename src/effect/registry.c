@@ -17,6 +17,7 @@ const cn_effect *const cn_effect_list[] = {
     &cn_effect_view_dependence, &cn_effect_appearance,      &cn_effect_sky,          &cn_effect_exposure,
     &cn_effect_transient,       &cn_effect_pose_refinement, &cn_effect_stereo_depth, &cn_effect_vignetting,
 };
+_Static_assert(sizeof cn_effect_list / sizeof *cn_effect_list <= CN_MAX_EFFECTS, "raise CN_MAX_EFFECTS");
 const uint32_t cn_effect_count = sizeof cn_effect_list / sizeof *cn_effect_list;
 
 /* Earlier forms, and the last format of tiles that has them. */

@@ -11,6 +11,7 @@
 #include "small.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <unistd.h>
 
 static void says(const char *text)
@@ -288,6 +289,23 @@ static void test_settings_that_make_no_field(void **state)
     says("field.density_width is 6");
 }
 
+/* Each setting has its row in tiles/README.md. */
+static void test_readme(void **state)
+{
+    (void)state;
+    char *text, row[512];
+    size_t size;
+    assert_int_equal(cn_file_read(CONURB_SOURCE "/tiles/README.md", 0, &text, &size), CN_OK);
+    for (uint32_t t = 0; t < cn_field_n_types; t++)
+        for (uint32_t i = 0; i < cn_field_types[t]->n_options; i++) {
+            const cn_field_option *o = &cn_field_types[t]->options[i];
+            snprintf(row, sizeof row, "| %s | `%s` | %s | %.10g to %.10g | %.10g |\n", cn_field_types[t]->name, o->name,
+                     o->comment, o->least, o->most, o->preset[CN_QUALITY_STANDARD]);
+            if (!strstr(text, row)) fail_msg("tiles/README.md lacks this row of the settings of fields: %s", row);
+        }
+    free(text);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -300,6 +318,7 @@ int main(void)
         cmocka_unit_test(test_options_of_another_type),
         cmocka_unit_test(test_city_yaml),
         cmocka_unit_test(test_settings_that_make_no_field),
+        cmocka_unit_test(test_readme),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }
