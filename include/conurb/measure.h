@@ -45,7 +45,7 @@ typedef struct cn_eval_photo {
 typedef struct cn_eval {
     cn_eval_photo *photos;
     uint32_t n_photos;
-    cn_score plain, half, unfitted, corrected; /* means over the photos; NaN without photos */
+    cn_score plain, half, unfitted, corrected; /* means over the photos that have a score; NaN without any */
     double render_s;                           /* median time to render one photo's view, seconds; NaN without photos */
     /* Where cn_evaluate_tile was given true depths: the median error over the pixels, and the share within 10 cm. */
     double depth_error_m, depth_within;

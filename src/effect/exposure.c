@@ -6,8 +6,9 @@
  * lund and sceaux have gains that are 0.16 to 0.28 stops (rms) off EXIF's. With what is learned on top, sceaux goes
  * from 14.9, 20.4 to 15.3, 21.3 dB (plain, right halves), brighton from 21.2, 21.3 to 21.1, 21.3. Nor does it say how
  * bright the day was. Photos of several capture runs (runs.h), such as by sun and by night, therefore take EV relative
- * to the mean of their own run. Otherwise the appearance codes would have to explain ten stops, and geometry gets
- * worse (3 dB on a synthetic city under four lights).
+ * to the mean of their own run, as far as it is trained on; a held-out photo of a run that nobody trains on has 0, for
+ * how bright that day was is not known. Otherwise the appearance codes would have to explain ten stops, and geometry
+ * gets worse (3 dB on a synthetic city under four lights).
  *
  * Evidence, in stops: the standard deviation of EV over the tile's photos. Where fewer than half of the photos have
  * it: that of the gains that the tracked points' colours show between photos (tracks.h). */
@@ -35,7 +36,7 @@ static void constants_of(const cn_photo *photo, float *row)
     row[UNKNOWN] = cn_run_time(photo); /* for `centre` */
 }
 
-/* The mean EV of the run's photos that are trained on; 0 when none of them has one. */
+/* The mean EV of the run's photos that are trained on; NaN when none of them has one. */
 static float mean_ev(const float *rows, uint32_t n_trained, bool any_run, float run)
 {
     double sum = 0;
@@ -46,19 +47,21 @@ static float mean_ev(const float *rows, uint32_t n_trained, bool any_run, float 
         sum += row[EV];
         known++;
     }
-    return known ? (float)(sum / known) : 0;
+    return known ? (float)(sum / known) : NAN;
 }
 
 static void centre(float *rows, uint32_t n, uint32_t n_trained)
 {
-    const bool one = cn_runs_find(rows + UNKNOWN, CONSTANTS, n) == 1;
+    const bool one = cn_runs_find_trained(rows + UNKNOWN, CONSTANTS, n, n_trained) == 1;
     float *mean = malloc(sizeof *mean * (n + (size_t)1));
-    for (uint32_t i = 0; mean && i < n; i++)
-        mean[i] = mean_ev(rows, n_trained, one, rows[CONSTANTS * (size_t)i + UNKNOWN]);
+    for (uint32_t i = 0; mean && i < n; i++) {
+        const float run = rows[CONSTANTS * (size_t)i + UNKNOWN];
+        mean[i] = mean_ev(rows, n_trained, one && run >= 0, run);
+    }
     for (uint32_t i = 0; i < n; i++) {
         float *row = rows + CONSTANTS * (size_t)i;
         row[UNKNOWN] = 1;
-        row[EV] = mean && isfinite(row[EV]) ? row[EV] - mean[i] : 0;
+        row[EV] = mean && isfinite(row[EV] - mean[i]) ? row[EV] - mean[i] : 0;
     }
     free(mean);
 }

@@ -36,8 +36,7 @@ static void constants_of(const cn_photo *photo, float *row)
 
 static void centre(float *rows, uint32_t n, uint32_t n_trained)
 {
-    (void)n_trained;
-    if (cn_runs_find(rows, 1, n) > 1) return;
+    if (cn_runs_find_trained(rows, 1, n, n_trained) > 1) return;
     for (uint32_t i = 0; i < n; i++) /* the photos' own poses say all about a single run */
         rows[i] = 0;
 }

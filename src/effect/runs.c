@@ -35,6 +35,35 @@ uint32_t cn_runs_find(float *times, size_t stride, uint32_t n)
     return runs;
 }
 
+/* The trained photo nearest in time, within the gap that ends a run; -1: none. */
+static int64_t nearest_trained(const float *times, size_t stride, uint32_t n_trained, float time)
+{
+    int64_t nearest = -1;
+    float least = RUN_GAP_S;
+    for (uint32_t k = 0; k < n_trained; k++) {
+        const float gap = fabsf(times[k * stride] - time);
+        if (gap <= least) nearest = k, least = gap;
+    }
+    return nearest;
+}
+
+uint32_t cn_runs_find_trained(float *times, size_t stride, uint32_t n, uint32_t n_trained)
+{
+    int64_t *like = malloc(sizeof *like * (n - n_trained + (size_t)1));
+    for (uint32_t i = n_trained; like && i < n; i++)
+        like[i - n_trained] = nearest_trained(times, stride, n_trained, times[i * stride]);
+    const uint32_t runs = cn_runs_find(times, stride, n_trained);
+    for (uint32_t i = n_trained; i < n; i++) {
+        const int64_t trained = like ? like[i - n_trained] : -1;
+        if (trained >= 0)
+            times[i * stride] = times[(size_t)trained * stride];
+        else
+            times[i * stride] = isfinite(times[i * stride]) ? -1 : 0;
+    }
+    free(like);
+    return runs;
+}
+
 bool cn_runs_differ(const float *run, uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++)

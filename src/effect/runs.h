@@ -10,6 +10,10 @@ float cn_run_time(const cn_photo *photo);
  * pause of half an hour without a photo begins a new run. 0: the time is unknown. Returns the number of runs, at
  * least 1. */
 uint32_t cn_runs_find(float *times, size_t stride, uint32_t n);
+/* The same for photos of which the first n_trained are trained on. These alone make the runs, so that they are those of
+ * training, whatever is held out. Another photo is of the run of a trained one within half an hour, the nearest; -1:
+ * there is none. */
+uint32_t cn_runs_find_trained(float *times, size_t stride, uint32_t n, uint32_t n_trained);
 /* Photos of one run share one sun and one sky. Each step of training pulls their codes together by this part.
  * Otherwise a code learns only what its own photo shows, and nothing about the rest of the scene in that light.
  * Tuned on the synthetic city (192 photos, 6000 steps): held-out views in the light of another run 21.98 dB, and

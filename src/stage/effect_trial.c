@@ -51,8 +51,9 @@ static bool read_known(const char *path, cn_probe_score *score)
     const size_t n = json_array_size(psnr);
     bool good = n > 0 && n <= CN_VALIDATION_MOST;
     for (size_t i = 0; good && i < n; i++) {
-        good = json_is_number(json_array_get(psnr, i));
-        score->psnr[i] = json_number_value(json_array_get(psnr, i));
+        const json_t *one = json_array_get(psnr, i); /* null: a mask hides what is scored */
+        good = json_is_number(one) || json_is_null(one);
+        score->psnr[i] = json_is_number(one) ? json_number_value(one) : NAN;
     }
     score->n = (uint32_t)n;
     score->seconds = json_number_value(json_object_get(root, "seconds"));

@@ -12,6 +12,7 @@
 #include "conurb/colour.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -222,10 +223,44 @@ static cn_status save(const eval_job *j, const cn_eval *eval)
     return status;
 }
 
-static void add_mean(cn_score *mean, cn_score score, uint32_t n)
+/* The mean over the photos that have the figure. A photo has none where a mask hides all that is scored, and no SSIM
+ * when it is smaller than SSIM's window. `figure`: the offset of a double in cn_eval_photo. */
+static double mean_of(const cn_eval *eval, size_t figure)
 {
-    mean->psnr += score.psnr / n;
-    mean->ssim += score.ssim / n;
+    double sum = 0;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < eval->n_photos; i++) {
+        const double x = *(const double *)((const char *)&eval->photos[i] + figure);
+        if (!isfinite(x)) continue;
+        sum += x;
+        n++;
+    }
+    return n ? sum / n : NAN;
+}
+
+static cn_score mean_score(const cn_eval *eval, size_t score)
+{
+    return (cn_score){ mean_of(eval, score + offsetof(cn_score, psnr)),
+                       mean_of(eval, score + offsetof(cn_score, ssim)) };
+}
+
+static void add_means(const cn_context *ctx, cn_eval *eval)
+{
+    uint32_t n_lacking = 0;
+    const char *first = NULL;
+    for (uint32_t i = 0; i < eval->n_photos; i++) {
+        if (isfinite(eval->photos[i].plain.psnr) && isfinite(eval->photos[i].half.psnr)) continue;
+        if (!n_lacking++) first = eval->photos[i].name;
+    }
+    if (n_lacking)
+        cn_log(ctx, CN_LOG_WARN,
+               "%u of %u held-out photos lack a score, %s first: their masks hide all that is scored; the means are "
+               "over the others",
+               n_lacking, eval->n_photos, first);
+    eval->plain = mean_score(eval, offsetof(cn_eval_photo, plain));
+    eval->half = mean_score(eval, offsetof(cn_eval_photo, half));
+    eval->unfitted = mean_score(eval, offsetof(cn_eval_photo, unfitted));
+    eval->corrected = mean_score(eval, offsetof(cn_eval_photo, corrected));
 }
 
 static int compare_doubles(const void *a, const void *b)
@@ -247,14 +282,11 @@ static cn_status score_views(eval_job *j, const char *folder, cn_eval *eval, dou
         if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped during eval; run the same command again");
         cn_eval_photo *p = &eval->photos[eval->n_photos++];
         CN_TRY(eval_view(j, &j->m->scene.views[v], p, &seconds[eval->n_photos - 1]));
-        add_mean(&eval->plain, p->plain, n);
-        add_mean(&eval->half, p->half, n);
-        add_mean(&eval->unfitted, p->unfitted, n);
-        add_mean(&eval->corrected, p->corrected, n);
         const double done = eval->n_photos, elapsed = cn_now_s() - started;
         const cn_progress_report report = { "eval", p->name, done, n, elapsed, elapsed / done * (n - done), NULL };
         cn_progress(j->ctx, &report);
     }
+    add_means(j->ctx, eval);
     qsort(seconds, eval->n_photos, sizeof *seconds, compare_doubles);
     eval->render_s = eval->n_photos ? seconds[eval->n_photos / 2] : NAN;
     return CN_OK;

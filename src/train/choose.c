@@ -56,6 +56,7 @@ cn_train_options cn_train_options_within(const cn_train_options *request, cn_qua
     o.seed = request->seed;
     o.learning_rate = request->learning_rate;
     o.precision = request->precision;
+    o.leave_out_occluders = request->leave_out_occluders;
     o.checkpoint_every_s = request->checkpoint_every_s;
     o.normal_maps = request->normal_maps;
     o.depth_maps = request->depth_maps;

@@ -230,6 +230,7 @@ cn_status cn_sampler_find_stereo(cn_sampler *s, const cn_context *ctx, const cn_
     }
     uint64_t known = 0, pixels = 0;
     s->n_depth = 0;
+    s->depth_along_ray = false; /* whatever the photos' own maps are measured along */
     for (uint32_t i = 0; i < s->n_photos; i++) {
         const cn_stereo_map *map = &s->stereo[i];
         const uint64_t n = (uint64_t)map->width * map->height;

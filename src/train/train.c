@@ -41,6 +41,7 @@ typedef struct run {
     char *unfinished;              /* the tile at the last checkpoint, for conurb view */
     FILE *log;
     double started, saved, reported;
+    double warm_s; /* when the first steps of this process were over (fit_budget) */
     uint32_t first_step;
     double error; /* error of the last steps and number of its rays; both are halved every PSNR_STEPS steps */
     uint64_t rays;
@@ -155,13 +156,17 @@ static cn_status one_step(run *r)
     return is_healthy(t) ? cn_trainer_save_checkpoint(t, r->key, r->good) : CN_OK;
 }
 
-/* Sets the schedule's length from the speed of the first steps. */
+enum { COLD_STEPS = 16, PROBE_STEPS = 50, FIT_EVERY = 16 };
+#define MOST_STEPS 1e9
+
+/* Sets the schedule's length from the speed of the steps of this process. Its first ones are not typical: they load
+ * the photos, on a device above all. Steps of an earlier process are taken to have been as quick. */
 static void fit_budget(run *r, double budget_s)
 {
     cn_trainer *t = &r->trainer;
-    const double elapsed = cn_now_s() - r->started;
-    const double a_step = elapsed / (double)r->steps, lost = (double)r->steps - ((double)t->step - r->first_step);
-    t->options.steps = (uint32_t)fmax(t->step + 1, budget_s / a_step - lost);
+    const double now = cn_now_s(), a_step = (now - r->warm_s) / (double)(r->steps - COLD_STEPS);
+    const double spent = now - r->started + (double)r->first_step * a_step;
+    t->options.steps = (uint32_t)fmin(fmax(t->step + 1, t->step + (budget_s - spent) / a_step), MOST_STEPS);
 }
 
 /* Writes a tile of the present state where `validate` expects it, and removes it afterwards. */
@@ -213,8 +218,6 @@ static bool validation_is_due(const run *r)
     return o->validate && o->stop_gain_db > 0 && !r->trainer.ending && cn_now_s() - r->judged_s > o->validate_every_s;
 }
 
-enum { PROBE_STEPS = 50 };
-
 static cn_status loop(run *r)
 {
     cn_trainer *t = &r->trainer;
@@ -228,9 +231,14 @@ static cn_status loop(run *r)
                            t->input->tile->id, t->step);
         }
         CN_TRY(one_step(r));
-        if (budget > 0 && !t->ending && (t->step == PROBE_STEPS || (t->step > PROBE_STEPS && t->step % 16 == 0)))
+        if (r->steps == COLD_STEPS) r->warm_s = cn_now_s();
+        if (budget > 0 && !t->ending && r->steps >= PROBE_STEPS && (r->steps - PROBE_STEPS) % FIT_EVERY == 0)
             fit_budget(r, budget);
-        if (t->step % 8 == 0 && validation_is_due(r)) CN_TRY(validate(r));
+        if (t->step % 8 == 0 && validation_is_due(r)) {
+            const cn_status status = validate(r);
+            if (status == CN_ERR_INTERRUPTED && cn_stopping(t->ctx)) continue; /* the checkpoint comes first */
+            CN_TRY(status);
+        }
         if (t->step % 8 == 0) report(r, false);
         if (cn_now_s() - r->saved > t->options.checkpoint_every_s) CN_TRY(save_checkpoint(r));
     }

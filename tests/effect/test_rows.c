@@ -48,6 +48,41 @@ static void test_exposure_knows_runs(void **state)
         assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 1);
 }
 
+/* Trained photos have the EV that they were trained with, whatever is held out. A held-out photo of a run of its own,
+ * such as that of another stranger, has none: how bright its day was is not known. */
+static void test_exposure_of_held_out_photos(void **state)
+{
+    (void)state;
+    const cn_effect *e = cn_effect_find("exposure");
+    const double noon = 1.7e9;
+    const cn_photo photos[] = {
+        { .exposure_s = 0.01, .iso = 100, .f_number = 1, .time_s = noon },
+        { .exposure_s = 0.04, .iso = 100, .f_number = 1, .time_s = noon + 3000 },
+        { .exposure_s = 0.02, .iso = 100, .f_number = 1, .time_s = noon + 1500 }, /* between the two runs */
+        { .exposure_s = 0.005, .iso = 100, .f_number = 8, .time_s = noon + 9e5 }, /* days later */
+        { .exposure_s = 0.08, .iso = 100, .f_number = 1, .time_s = noon + 4000 }, /* of the second run */
+        { .exposure_s = 0.08, .iso = 100, .f_number = 1, .time_s = NAN },
+    };
+    enum { TRAINED = 2, ALL = 6 };
+    float alone[TRAINED][2], row[ALL][2];
+    for (int i = 0; i < ALL; i++) {
+        e->constants(&photos[i], row[i]);
+        if (i < TRAINED) e->constants(&photos[i], alone[i]);
+    }
+    e->centre(alone[0], TRAINED, TRAINED);
+    e->centre(row[0], ALL, TRAINED);
+    for (int i = 0; i < TRAINED; i++)
+        assert_memory_equal(row[i], alone[i], sizeof row[i]);
+    assert_true(fabsf(row[2][0]) <= 1 + 1e-5f); /* relative to one of the two */
+    assert_true(row[3][0] == 0 && row[5][0] == 0);
+    assert_true(fabsf(row[4][0] - 1) < 1e-5f);
+    /* Trained photos of one run; one held out that has no time is of it too, one of another day is not. */
+    for (int i = 0; i < ALL; i++)
+        e->constants(&photos[i == 1 ? 0 : i], row[i]);
+    e->centre(row[0], ALL, TRAINED);
+    assert_true(row[0][0] == 0 && row[3][0] == 0 && fabsf(row[5][0] - 3) < 1e-5f);
+}
+
 /* The number of runs does not matter. A photo without a run stays as it is. */
 static void test_runs_are_drawn_together(void **state)
 {
@@ -126,9 +161,8 @@ static void test_moves_have_no_trend(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_exposure_knows_runs),
-        cmocka_unit_test(test_runs_are_drawn_together),
-        cmocka_unit_test(test_one_run_has_one_sky),
+        cmocka_unit_test(test_exposure_knows_runs),     cmocka_unit_test(test_exposure_of_held_out_photos),
+        cmocka_unit_test(test_runs_are_drawn_together), cmocka_unit_test(test_one_run_has_one_sky),
         cmocka_unit_test(test_moves_have_no_trend),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

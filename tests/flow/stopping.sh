@@ -31,4 +31,26 @@ all=$(trained plain) some=$(trained stopped)
 [ "$all" -gt 16 ] && good || bad "only $all photos train"
 [ "$some" = $((all - all / 8)) ] && good || bad "of $all photos, $some train where an eighth should decide when to stop"
 expect 0 "dB" "eval" "$conurb" eval "$work/stopped"
+
+# A mask over the right half of a held-out photo: it has no score there, and the means are over the others.
+mkdir "$work/plain-photos/masks"
+python3 - "$work/stopped/eval/eval.json" "$work/plain-photos/masks" <<'PY'
+import json, struct, sys, zlib
+def chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+name = json.load(open(sys.argv[1]))["photos"][0]["name"]
+with open(f"{sys.argv[2]}/{name.rsplit('.', 1)[0]}.png", "wb") as file: # two pixels: white, black
+    file.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", 2, 1, 8, 0, 0, 0, 0)) +
+               chunk(b"IDAT", zlib.compress(b"\0\xff\0")) + chunk(b"IEND", b""))
+PY
+rm -r "$work/plain/poses" "$work/plain/plan" "$work/plain/tiles" "$work/plain/pixels.bin"
+expect 0 "tile" "run with a mask" "$conurb" run "$work/plain"
+expect 0 "lack a score" "eval with a mask" "$conurb" eval "$work/plain"
+python3 - "$work/plain/eval/eval.json" <<'PY' >"$work/out" 2>&1 && good || bad "the means count a photo without a score"
+import json, sys
+scores = json.load(open(sys.argv[1]))
+halves = [p["half"]["psnr"] for p in scores["photos"]]
+assert halves[0] is None and None not in halves[1:] and len(halves) > 2, halves
+assert abs(scores["half"]["psnr"] - sum(halves[1:]) / (len(halves) - 1)) < 1e-9, scores["half"]
+PY
 finish

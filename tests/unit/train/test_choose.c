@@ -80,6 +80,7 @@ static void test_measured(void **state)
     request.seed = 17;
     request.time_budget_s = 30;
     request.choose = true;
+    request.leave_out_occluders = false;
     const cn_train_options small = cn_train_options_within(&request, CN_QUALITY_PREVIEW);
     const cn_context ctx = { 0 };
     cn_train_speed *speed;
@@ -91,6 +92,7 @@ static void test_measured(void **state)
     assert_int_equal(cn_train_choose(&ctx, speed, &request, &synthetic.tile, bytes, &choice), CN_OK);
     assert_true(choice.quality == CN_QUALITY_PREVIEW && choice.bytes <= bytes &&
                 memcmp(&choice.options.field, &small.field, sizeof small.field) == 0);
+    assert_false(choice.options.leave_out_occluders);
     assert_true(choice.options.seed == 17 && choice.options.time_budget_s == 30 && !choice.options.choose);
     cn_train_options predicted = choice.options;
     predicted.time_budget_s = 0;
