@@ -36,7 +36,7 @@ static cn_status predict_held_out(const cn_trainer *t, const cn_effect_pack *pac
         views[i] = &t->input->scene->views[i < tile->n_photos ? tile->photos[i] : tile->held_out[i - tile->n_photos]];
         run[i] = cn_run_time(&t->input->photos->photos[views[i]->photo]);
     }
-    if (room) (void)cn_runs_find(run, 1, pack->n_rows);
+    if (room) (void)cn_runs_find_trained(run, 1, pack->n_rows, tile->n_photos);
     for (uint32_t e = 0; e < pack->n_on && room; e++) {
         const cn_effect *effect = pack->on[e].effect;
         if (!effect->training_only && effect->photo_params)
