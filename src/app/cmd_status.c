@@ -92,11 +92,11 @@ static uint32_t count_due(const cn_job_graph *graph, const char *stage, uint32_t
 }
 
 /* Whether a stage, or all that comes before it, is done: for scripts that wait. */
-static cn_status check_done(const cn_context *ctx, cn_city *city, const char *stage)
+static cn_status check_done(const cn_context *ctx, cn_city *city, const char *stage, int quality)
 {
     cn_job_graph graph;
     uint32_t n, due;
-    CN_TRY(cn_city_graph(ctx, city, -1, 0, true, &graph));
+    CN_TRY(cn_city_graph(ctx, city, quality, 0, true, &graph));
     due = count_due(&graph, stage, &n);
     /* Few photos have no groups, a single tile has no match, and without held-out photos there are no scores. */
     if (!n) due = count_due(&graph, strcmp(stage, "group") == 0 ? "poses" : "train", &n);
@@ -105,7 +105,7 @@ static cn_status check_done(const cn_context *ctx, cn_city *city, const char *st
 }
 
 typedef struct options {
-    const char *done;
+    const char *done, *quality;
     bool watch, json;
 } options;
 
@@ -114,6 +114,8 @@ static const cn_app_option table[] = {
     { "json", NULL, "print JSON", CN_APP_FLAG, offsetof(options, json), NULL },
     { "done", "STAGE", "print nothing. The exit code is 0 when that stage is done and valid, and 4 when it is not",
       CN_APP_CHOICE, offsetof(options, done), "group poses plan train match eval render" },
+    { "quality", "NAME", "with --done: the quality that the tiles are trained with, instead of the one in city.yaml",
+      CN_APP_CHOICE, offsetof(options, quality), CN_APP_QUALITIES },
     { 0 }
 };
 
@@ -121,8 +123,9 @@ static cn_status run_status(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
     cn_city *city;
+    if (o->quality && !o->done) return cn_fail(CN_ERR_USAGE, "--quality belongs to --done STAGE");
     CN_TRY(cn_city_open(&city, call->operands[0]));
-    const cn_status status = o->done    ? check_done(ctx, city, o->done)
+    const cn_status status = o->done    ? check_done(ctx, city, o->done, cn_app_quality(o->quality))
                              : o->watch ? watch(ctx, city, o->json)
                                         : show(ctx, city, o->json);
     cn_city_close(&city);

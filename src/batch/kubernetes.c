@@ -21,7 +21,7 @@ static void object_name(const char *city, const char *stage, char out[64])
 static char *command_of(const cn_submission *s, const cn_submit_job *job)
 {
     char *city = cn_shell_word(s->city->folder), *items = cn_shell_word(job->list), *text = NULL;
-    const char *quality = s->options->quality ? s->options->quality : NULL;
+    const char *quality = s->options->quality;
     if (!city || !items)
         text = NULL;
     else if (strcmp(job->stage, "train") == 0)
@@ -59,10 +59,13 @@ static char *wait_of(const cn_submission *s, const cn_submit_job *job)
     const bool merge = strcmp(job->stage, "merge") == 0;
     const bool waits = render || merge || strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "match") == 0;
     char *city = cn_shell_word(s->city->folder);
-    char *text = city ? waits ? cn_format("until conurb status %s --done %s; do sleep 30; done", city,
+    /* The tiles are done when they are trained as the pods before train them. */
+    const char *quality = s->options->quality;
+    char *text = city ? waits ? cn_format("until conurb status %s --done %s%s%s; do sleep 30; done", city,
                                           render  ? "match"
                                           : merge ? "group"
-                                                  : "train")
+                                                  : "train",
+                                          quality ? " --quality " : "", quality ? quality : "")
                               : cn_format("%s", "true")
                       : NULL;
     char *quoted = text ? cn_yaml_string(text) : NULL;

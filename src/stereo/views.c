@@ -1,6 +1,7 @@
 #include "stereo/views.h"
 
 #include "base/units.h"
+#include "image/image.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -55,19 +56,6 @@ static double at_pixel(const float *rgbw, uint32_t width, uint32_t height, doubl
     return sum;
 }
 
-/* The photo, made smaller by a whole factor: the mean of step x step pixels. rgbw: [height][width][4]. */
-static void make_smaller(const float *rgbw, uint32_t full_width, uint32_t step, const cn_stereo_view *v, float *small)
-{
-    for (size_t i = 0; i < (size_t)v->width * v->height; i++)
-        for (uint32_t c = 0; c < 4; c++) {
-            const size_t x = i % v->width * step, y = i / v->width * step;
-            float sum = 0;
-            for (uint32_t k = 0; k < step * step; k++)
-                sum += rgbw[4 * ((y + k / step) * full_width + x + k % step) + c];
-            small[4 * i + c] = sum / (float)(step * step);
-        }
-}
-
 static void make_grey(const float *small, cn_stereo_view *v)
 {
     for (size_t i = 0; i < (size_t)v->width * v->height; i++) {
@@ -114,7 +102,10 @@ static cn_status read_view(const cn_stereo_input *input, const cn_stereo_options
     cn_status status = rgbw && small && v->grey ? CN_OK : no_memory();
     if (status == CN_OK) status = cn_pixel_store_read(input->pixels, v->pose->photo, rgbw);
     if (status == CN_OK) {
-        make_smaller(rgbw, extent.width, step_of(extent.width, options->width_px), v, small);
+        /* What a mask hides is matched too: else the mask's edge would be. */
+        for (size_t i = 0; i < (size_t)extent.width * extent.height; i++)
+            rgbw[4 * i + 3] = 1;
+        cn_image_shrink(rgbw, extent.width, extent.height, small, v->width, v->height);
         make_grey(small, v);
     }
     free(rgbw);

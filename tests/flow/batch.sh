@@ -66,6 +66,9 @@ expect 0 "film" "the last chunk" "$conurb" render "$town" --chunk 2/3
 [ "$before" = "$(digest "$town/renders")" ] && good || bad "chunks are not the bytes of the whole"
 "$conurb" status "$town" --done render >"$work/out" 2>&1 && good ||
     bad "the frames are all there, and status does not say so"
+# The tiles are of the preset of city.yaml. Pods that wait for another one, by which the pods before train, wait.
+expect 4 "train: 3 of 3 not done" "--done train, of another quality" "$conurb" status "$town" --done train --quality high
+expect 2 "belongs to --done" "a quality of nothing" "$conurb" status "$town" --quality high
 
 # Two processes on one tile: the second ends. The lock of a dead process blocks nobody.
 sed -i 's/steps: 24/steps: 100000/' "$town/city.yaml"
@@ -98,6 +101,8 @@ for script in "$town"/jobs/*.sbatch; do bash -n "$script" && good || bad "$scrip
 expect 0 "kubernetes.yaml" "submit to Kubernetes --dry-run" "$conurb" submit "$town" --engine kubernetes --dry-run \
     --max-tasks 2
 python3 "$here/manifest.py" "$town/jobs/kubernetes.yaml" 3 >"$work/out" 2>&1 && good || bad "the manifest"
+expect 0 "kubernetes.yaml" "submit of a quality" "$conurb" submit "$town" --engine kubernetes --dry-run --quality high
+grep -q -- "--done train --quality high" "$town/jobs/kubernetes.yaml" && good || bad "pods wait for another quality"
 mkdir "$work/site"
 sed 's/^##SBATCH --partition=/#SBATCH --partition=night/' "$here/../../jobs/slurm.sbatch" >"$work/site/slurm.sbatch"
 expect 0 "train" "a site's template" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"

@@ -7,6 +7,7 @@
 
 #include "photo/store.h"
 #include "stereo/stereo.h"
+#include "stereo/views.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -173,6 +174,52 @@ static void test_the_number_of_threads_changes_nothing(void **state)
     cn_pool_destroy(&ctx.pool);
 }
 
+/* The small picture shows all of the photo, as its camera takes it to do, also where no whole number of pixels becomes
+ * one. */
+static void test_a_small_picture_shows_all_of_the_photo(void **state)
+{
+    (void)state;
+    enum { W = 121, H = 90, SMALL_W = 30, SMALL_H = 22 };
+    cn_camera camera = { .lens = CN_LENS_PINHOLE, .width = W, .height = H, .params = { W, W, W / 2.0, H / 2.0 } };
+    cn_view view = { .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
+    const cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = &view, .n_views = 1 };
+    const uint32_t only[1] = { 0 };
+    float *rgbw = malloc(sizeof *rgbw * 4 * W * H);
+    cn_stereo_input input = { .scene = &scene, .views = only, .n = 1, .name = "made" };
+    cn_stereo_options options = cn_stereo_options_default();
+    cn_pixel_store *pixels;
+    cn_stereo_views views;
+    assert_non_null(rgbw);
+    for (int along = 0; along < 2; along++) {
+        for (uint32_t i = 0; i < W * H; i++) { /* as bright as it is far from the left, or from above */
+            const float grey = along ? ((float)(i / W) + 0.5f) / H : ((float)(i % W) + 0.5f) / W;
+            const float pixel[4] = { grey, grey, grey, 1 };
+            memcpy(rgbw + 4 * (size_t)i, pixel, sizeof pixel);
+        }
+        assert_int_equal(cn_pixel_store_in_memory(&pixels, 1, W, H, rgbw), CN_OK);
+        input.pixels = pixels;
+        options.width_px = SMALL_W + 1;
+        assert_int_equal(cn_stereo_views_init(&views, &input, &options), CN_OK);
+        const cn_stereo_view *v = &views.view[0];
+        uint32_t width, height;
+        cn_stereo_size(&options, W, H, &width, &height);
+        assert_true(width == SMALL_W && height == SMALL_H && v->grey);
+        for (uint32_t i = 0; i < SMALL_W * SMALL_H; i++) {
+            const float x = (float)(i % SMALL_W) + 0.5f, y = (float)(i / SMALL_W) + 0.5f;
+            /* The pinhole camera has one focal length, so its rays leave the picture a little at its upper edge. */
+            if (i / SMALL_W < 1 || i / SMALL_W > SMALL_H - 2) continue;
+            double at[2];
+            const double ray[3] = { (double)((x - v->cx) / v->focal), (double)((y - v->cy) / v->focal), 1 };
+            assert_true(cn_camera_project(&camera, ray, at));
+            const double shown = along ? at[1] / H : at[0] / W, found = (double)(v->grey[i] * v->grey[i]);
+            assert_true(fabs(found - shown) < 0.5 / H);
+        }
+        cn_stereo_views_deinit(&views);
+        cn_pixel_store_close(&pixels);
+    }
+    free(rgbw);
+}
+
 /* Maps stand in the order of the views, and a view that nothing can be matched with has none. */
 static void test_a_view_without_a_neighbour_has_no_map(void **state)
 {
@@ -240,6 +287,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_depths_are_right_where_they_are_known),
+        cmocka_unit_test(test_a_small_picture_shows_all_of_the_photo),
         cmocka_unit_test(test_the_number_of_threads_changes_nothing),
         cmocka_unit_test(test_a_prior_is_mended),
         cmocka_unit_test(test_a_view_without_a_neighbour_has_no_map),
