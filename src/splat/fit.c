@@ -117,23 +117,24 @@ static void set_rates(fit *f, double done)
 
 /* ---- between rounds ---- */
 
-/* Whether a Gaussian contributes, and stays out of the photos' way. */
-static bool is_wanted(const fit *f, size_t s)
+/* Whether a Gaussian contributes, and stays out of the photos' way. weighed: the whole round tells what it contributes.
+ */
+static bool is_wanted(const fit *f, size_t s, bool weighed)
 {
     const float *row = f->set->rows + s * f->length, *centre = row + CN_ROW_CENTRE, *scale = row + CN_ROW_SCALE;
     const double at[3] = { (double)centre[0], (double)centre[1], (double)centre[2] };
     const double width_m = exp((double)fmaxf(scale[0], fmaxf(scale[1], scale[2])));
-    return f->weights[s] >= LEAST_WEIGHT && !cn_seed_is_in_clear(f->set, f->targets, at, width_m);
+    return (!weighed || f->weights[s] >= LEAST_WEIGHT) && !cn_seed_is_in_clear(f->set, f->targets, at, width_m);
 }
 
 /* Removes those that are not wanted. Returns how many. */
-static size_t prune(fit *f)
+static size_t prune(fit *f, bool weighed)
 {
     cn_splat_set *set = f->set;
     const size_t length = f->length, before = set->n;
     size_t kept = 0;
     for (size_t s = 0; s < before; s++) {
-        if (!is_wanted(f, s)) continue;
+        if (!is_wanted(f, s, weighed)) continue;
         if (kept != s) {
             memcpy(set->rows + kept * length, set->rows + s * length, length * sizeof(float));
             memcpy(f->moments + kept * length, f->moments + s * length, length * sizeof(float));
@@ -282,12 +283,23 @@ static cn_status run(fit *f)
         }
         f->report->n_steps = steps;
         const double part = part_done(f, steps);
-        if (part >= 1 && steps < (f->round + 1) * n) break; /* the round was cut */
+        if (part >= 1 && steps < (f->round + 1) * n) { /* the round was cut */
+            f->report->n_pruned += prune(f, false);
+            break;
+        }
         f->report->psnr = psnr_of(f);
-        f->report->n_pruned += prune(f);
+        f->report->n_pruned += prune(f, true);
         if (part < LAST_ADDED) CN_TRY(add(f));
     }
     return CN_OK;
+}
+
+/* Distance from which a picture shows Gaussians: nearer than all that the photos show, however far the scene reaches.
+ */
+static float near_of(const cn_splat_set *set, const cn_targets *targets)
+{
+    const double near_m = 1e-3 * set->far_m, clear_m = targets->clear.near_m;
+    return (float)(clear_m > 0 ? fmin(near_m, 0.5 * clear_m) : near_m);
 }
 
 cn_status cn_splat_fit(cn_splat_set *set, const cn_context *ctx, const cn_targets *targets,
@@ -299,7 +311,7 @@ cn_status cn_splat_fit(cn_splat_set *set, const cn_context *ctx, const cn_target
               .options = options,
               .report = report,
               .length = cn_row_length(set->degree),
-              .near_m = (float)(1e-3 * set->far_m),
+              .near_m = near_of(set, targets),
               .started = cn_now_s() };
     f.moments = calloc(set->room, f.length * sizeof *f.moments);
     f.squares = calloc(set->room, f.length * sizeof *f.squares);

@@ -8,8 +8,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define NEAR 1e-3f /* by the distance of the farthest: what is nearer to the camera is left out */
-#define SEEDS 0.8  /* part of the budget; the rest is put where the pictures differ */
+#define NEAR 0.1f          /* by the distance of the nearest: what is nearer to the camera is left out */
+#define LEAST_NEAR_M 1e-3f /* where the projection still has all its digits */
+enum { SAMPLES = 4096 };   /* Gaussians that tell how near the nearest are */
+#define SEEDS 0.8          /* part of the budget; the rest is put where the pictures differ */
 
 cn_splat_options cn_splat_options_default(void)
 {
@@ -96,14 +98,34 @@ static void to_row(const cn_splats *s, size_t i, float *row)
     memcpy(row + CN_ROW_COLOUR, s->colour + i * colours, colours * sizeof(float));
 }
 
+static int by_value(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* Distance from which a view shows Gaussians: a part of that of its nearest ones, however far the others are. */
+static float near_of(const cn_splats *splats, const cn_view *view)
+{
+    float z[SAMPLES];
+    size_t n = 0;
+    for (size_t i = 0; i < SAMPLES && i < splats->n; i++) {
+        const float *centre = splats->centre[splats->n > SAMPLES ? i * (splats->n / SAMPLES) : i];
+        double at = view->translation[2];
+        for (int a = 0; a < 3; a++)
+            at += view->rotation[6 + a] * (splats->origin[a] + (double)centre[a]);
+        if (at > 0) z[n++] = (float)at;
+    }
+    if (!n) return LEAST_NEAR_M;
+    qsort(z, n, sizeof *z, by_value);
+    return fmaxf(NEAR * z[n / 100], LEAST_NEAR_M);
+}
+
 cn_status cn_splats_render(const cn_context *ctx, const cn_splats *splats, const cn_camera *camera, const cn_view *view,
                            float *rgb)
 {
     const uint32_t length = cn_row_length(splats->degree);
-    float reach = 0;
-    for (size_t i = 0; i < 3 * splats->n; i++)
-        reach = fmaxf(reach, fabsf(splats->centre[i / 3][i % 3]));
-    const cn_splat_camera from = cn_splat_camera_of(camera, view, splats->origin, NEAR * reach);
+    const cn_splat_camera from = cn_splat_camera_of(camera, view, splats->origin, near_of(splats, view));
     float *rows = malloc((splats->n + 1) * length * sizeof *rows);
     cn_raster raster = { 0 };
     cn_status status = rows ? cn_raster_init(&raster, ctx->pool, cn_splat_kernel_best(), splats->n)

@@ -23,6 +23,7 @@ static uint32_t order[VIEWS];
 static cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = VIEWS + 1 };
 static cn_colour *colour;
 static bool empty;
+static double hills_m;                    /* how far away the sky is, if it is hills */
 static double hanging[3], hanging_radius; /* a dark ball before the view that is not learned from */
 
 /* Round the ball, 12 m from its middle, at different heights. */
@@ -64,7 +65,7 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *c, con
                                      { 0.02, 0.02, 0.02 } };
         for (int k = 0; k < 3; k++) /* grey colours are the same in ACEScg and sRGB, and others nearly so */
             p->rgba[4 * i + (unsigned)k] = (float)cn_srgb_decode(fmin(fmax(shade[dark > 0 ? 2 : depth > 0][k], 0), 1));
-        p->depth[i] = (float)depth;
+        p->depth[i] = (float)(depth > 0 ? depth : hills_m);
         p->rgba[4 * i + 3] = 1;
     }
     return CN_OK;
@@ -180,6 +181,24 @@ static void test_hanging(void **state)
     hanging_radius = near_m = 0;
 }
 
+/* What stands near is shown, however far the view goes behind it. */
+static void test_far_hills(void **state)
+{
+    (void)state;
+    const cn_splat_options o = options();
+    const cn_context ctx = { 0 };
+    cn_splat_report report;
+    cn_splats *splats;
+    near_m = NEAR;
+    hills_m = 8000;
+    assert_int_equal(make(&ctx, &o, &splats, &report), CN_OK);
+    const double psnr = score(splats);
+    print_message("before hills: PSNR %.2f dB, training %.2f dB\n", psnr, report.psnr);
+    assert_true(psnr > 24 && report.psnr > 24);
+    cn_splats_destroy(&splats);
+    near_m = hills_m = 0;
+}
+
 static void test_threads(void **state)
 {
     (void)state;
@@ -249,8 +268,8 @@ static void test_refused(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_ball), cmocka_unit_test(test_hanging),
-                                        cmocka_unit_test(test_threads), cmocka_unit_test(test_stopping),
-                                        cmocka_unit_test(test_refused) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_ball),      cmocka_unit_test(test_hanging),
+                                        cmocka_unit_test(test_far_hills), cmocka_unit_test(test_threads),
+                                        cmocka_unit_test(test_stopping),  cmocka_unit_test(test_refused) };
     return cmocka_run_group_tests(tests, begin, end);
 }
