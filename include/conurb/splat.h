@@ -85,7 +85,8 @@ typedef struct cn_splat_report {
     double psnr;               /* over these pictures in the last round, dB */
     double render_s, fit_s;
 } cn_splat_report;
-/* Makes splats: the source is rendered in its views, without lens distortion, and, when they are fewer than 64, in
+/* Makes splats: the source is rendered in its views, without lens distortion (in the six faces of a cube for a view of
+ * all directions), and, when they are fewer than 64, in
  * views between them, with about 32 pixels for each Gaussian of the budget at most. Their depths give flat
  * Gaussians, at most one for each pixel's footprint, fewer by the budget. Those of the sky lie on a sphere behind all
  * else. Then the Gaussians are fitted to the pictures: squared differences of display-referred colours and of opacity,
@@ -104,7 +105,8 @@ CN_API CN_NODISCARD cn_status cn_splats_make(const cn_context *ctx, const cn_spl
 /* Renders splats as viewers do, without lens distortion: rgb[height * width * 3], display-encoded, over black. */
 CN_API CN_NODISCARD cn_status cn_splats_render(const cn_context *ctx, const cn_splats *splats, const cn_camera *camera,
                                                const cn_view *view, float *rgb);
-/* The camera with which cn_splats_render shows what this one does: a pinhole of the same size and focal lengths. */
+/* The camera with which cn_splats_render shows what this one does: a pinhole of the same size and focal lengths. Of a
+ * camera of all directions it shows the middle, 90 degrees high. */
 CN_API cn_camera cn_splats_camera(const cn_camera *camera);
 
 /* Reads F.ply in that layout. Harmonics above CN_SPLAT_MAX_DEGREE are left out. The caller destroys *splats.

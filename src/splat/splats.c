@@ -42,6 +42,12 @@ void cn_splats_destroy(cn_splats **splats)
 
 cn_camera cn_splats_camera(const cn_camera *camera)
 {
+    if (camera->lens == CN_LENS_EQUIRECTANGULAR) {
+        const double w = 0.5 * camera->width, h = 0.5 * camera->height;
+        return (cn_camera){
+            .lens = CN_LENS_PINHOLE, .width = camera->width, .height = camera->height, .params = { h, h, w, h }
+        };
+    }
     const bool one = camera->lens == CN_LENS_SIMPLE_PINHOLE || camera->lens == CN_LENS_SIMPLE_RADIAL ||
                      camera->lens == CN_LENS_RADIAL;
     const double *p = camera->params;

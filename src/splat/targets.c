@@ -27,16 +27,48 @@ void cn_targets_deinit(cn_targets *t)
 
 /* ---- where to look from ---- */
 
-static void add(cn_targets *t, const cn_splat_source *source, uint32_t camera, const cn_view *view)
+static void add(cn_targets *t, const cn_camera *camera, const cn_view *view)
 {
-    const cn_camera *full = &source->scene->cameras[camera];
-    const double height = fmin(fmax(3, round((double)full->height * t->width_px / full->width)), 16384);
     cn_target *to = &t->list[t->n++];
-    *to = (cn_target){ .view = *view };
+    *to = (cn_target){ .view = *view, .camera = *camera };
     to->view.name = NULL;
-    cn_camera_resize(full, t->width_px, (uint32_t)height, &to->camera);
-    to->camera = cn_splats_camera(&to->camera);
     cn_view_centre(view, to->eye);
+}
+
+/* The six faces of a cube about a photo of all directions: x_face = rotation * x_photo. */
+static const double faces[][9] = {
+    { 1, 0, 0, 0, 1, 0, 0, 0, 1 },  { 0, 0, -1, 0, 1, 0, 1, 0, 0 }, { -1, 0, 0, 0, 1, 0, 0, 0, -1 },
+    { 0, 0, 1, 0, 1, 0, -1, 0, 0 }, { 1, 0, 0, 0, 0, 1, 0, -1, 0 }, { 1, 0, 0, 0, 0, -1, 0, 1, 0 },
+};
+enum { FACES = sizeof faces / sizeof *faces };
+
+static bool is_panorama(const cn_splat_source *source, uint32_t i)
+{
+    return source->scene->cameras[source->scene->views[source->views[i]].camera].lens == CN_LENS_EQUIRECTANGULAR;
+}
+
+static void add_photo(cn_targets *t, const cn_splat_source *source, uint32_t i)
+{
+    const cn_view *view = &source->scene->views[source->views[i]];
+    const cn_camera *full = &source->scene->cameras[view->camera];
+    cn_camera camera;
+    if (!is_panorama(source, i)) {
+        const double height = fmin(fmax(3, round((double)full->height * t->width_px / full->width)), 16384);
+        cn_camera_resize(full, t->width_px, (uint32_t)height, &camera);
+        camera = cn_splats_camera(&camera);
+        add(t, &camera, view);
+        return;
+    }
+    const uint32_t side = (uint32_t)fmax(round(0.25 * t->width_px), LEAST_WIDTH);
+    const double half = 0.5 * side;
+    camera =
+        (cn_camera){ .lens = CN_LENS_PINHOLE, .width = side, .height = side, .params = { half, half, half, half } };
+    for (int k = 0; k < FACES; k++) {
+        cn_view face = *view;
+        cn_mat3_mul(faces[k], view->rotation, face.rotation);
+        cn_mat3_vec(faces[k], view->translation, face.translation);
+        add(t, &camera, &face);
+    }
 }
 
 /* The view half-way between two. */
@@ -74,7 +106,7 @@ static uint32_t neighbour_of(const cn_targets *t, uint32_t n, uint32_t of, uint3
 }
 
 /* Views between each of the n and its two neighbours, each pair once. */
-static void add_between(cn_targets *t, const cn_splat_source *source, uint32_t n)
+static void add_between(cn_targets *t, uint32_t n)
 {
     bool paired[FEW_VIEWS][FEW_VIEWS] = { 0 };
     for (uint32_t i = 0; i < n; i++)
@@ -84,18 +116,16 @@ static void add_between(cn_targets *t, const cn_splat_source *source, uint32_t n
             if (paired[i][other]) continue;
             paired[i][other] = paired[other][i] = true;
             const cn_view view = between(&t->list[i].view, &t->list[other].view);
-            add(t, source, t->list[i].view.camera, &view);
+            add(t, &t->list[i].camera, &view);
         }
 }
 
 static cn_status choose(cn_targets *t, const cn_splat_source *source)
 {
-    for (uint32_t i = 0; i < source->n_views; i++) {
-        const cn_view *view = &source->scene->views[source->views[i]];
-        add(t, source, view->camera, view);
-    }
+    for (uint32_t i = 0; i < source->n_views; i++)
+        add_photo(t, source, i);
     const uint32_t n = t->n;
-    if (n < FEW_VIEWS) add_between(t, source, n);
+    if (n < FEW_VIEWS) add_between(t, n);
     return t->n ? CN_OK : cn_fail(CN_ERR_DATA, "no photo that a tile was trained on has a pose");
 }
 
@@ -220,9 +250,10 @@ static uint32_t width_of(const cn_splat_source *source, uint32_t budget)
 cn_status cn_targets_make(cn_targets *t, const cn_context *ctx, const cn_splat_source *source, uint32_t budget,
                           const char *path)
 {
-    *t = (cn_targets){
-        .path = path, .fd = { -1, -1 }, .most = 3 * source->n_views, .width_px = width_of(source, budget)
-    };
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < source->n_views; i++)
+        n += is_panorama(source, i) ? FACES : 1;
+    *t = (cn_targets){ .path = path, .fd = { -1, -1 }, .most = 3 * n, .width_px = width_of(source, budget) };
     t->list = calloc(t->most + (size_t)1, sizeof *t->list);
     if (!t->list) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", t->most);
     const cn_status status = make(t, ctx, source, path);

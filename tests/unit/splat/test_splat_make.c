@@ -199,6 +199,32 @@ static void test_far_hills(void **state)
     near_m = hills_m = 0;
 }
 
+/* A photo of all directions shows the ball wherever it stands: here behind and beside the photos' middle. */
+static void test_panoramas(void **state)
+{
+    (void)state;
+    const cn_splat_options o = options();
+    const cn_context ctx = { 0 };
+    const cn_camera pinhole = camera;
+    cn_view kept[VIEWS];
+    cn_splat_report report;
+    cn_splats *splats;
+    memcpy(kept, views, sizeof kept);
+    camera = (cn_camera){ .lens = CN_LENS_EQUIRECTANGULAR, .width = 128, .height = 64, .params = { 128, 64 } };
+    for (uint32_t i = 0; i < VIEWS; i++) { /* turned about the vertical by a quarter, or by half */
+        const double turn[2][9] = { { 0, 0, 1, 0, 1, 0, -1, 0, 0 }, { -1, 0, 0, 0, 1, 0, 0, 0, -1 } };
+        cn_mat3_mul(turn[i % 2], kept[i].rotation, views[i].rotation);
+        cn_mat3_vec(turn[i % 2], kept[i].translation, views[i].translation);
+    }
+    assert_int_equal(make(&ctx, &o, &splats, &report), CN_OK);
+    camera = pinhole;
+    memcpy(views, kept, sizeof kept);
+    const double psnr = score(splats);
+    print_message("by panoramas: PSNR %.2f dB, training %.2f dB\n", psnr, report.psnr);
+    assert_true(psnr > 22 && report.n_views >= 6 * VIEWS);
+    cn_splats_destroy(&splats);
+}
+
 static void test_threads(void **state)
 {
     (void)state;
@@ -269,7 +295,8 @@ static void test_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_ball),      cmocka_unit_test(test_hanging),
-                                        cmocka_unit_test(test_far_hills), cmocka_unit_test(test_threads),
-                                        cmocka_unit_test(test_stopping),  cmocka_unit_test(test_refused) };
+                                        cmocka_unit_test(test_far_hills), cmocka_unit_test(test_panoramas),
+                                        cmocka_unit_test(test_threads),   cmocka_unit_test(test_stopping),
+                                        cmocka_unit_test(test_refused) };
     return cmocka_run_group_tests(tests, begin, end);
 }
