@@ -67,7 +67,7 @@ expect 0 "film" "the last chunk" "$conurb" render "$town" --chunk 2/3
 "$conurb" status "$town" --done render >"$work/out" 2>&1 && good ||
     bad "the frames are all there, and status does not say so"
 # The tiles are of the preset of city.yaml. Pods that wait for another one, by which the pods before train, wait.
-expect 4 "train: 3 of 3 not done" "--done of another quality" "$conurb" status "$town" --done train --quality high
+expect 4 "train: 3 of 3 not done" "--done of another quality" "$conurb" status "$town" --done train --quality preview
 expect 2 "belongs to --done" "a quality of nothing" "$conurb" status "$town" --quality high
 
 # Two processes on one tile: the second ends. The lock of a dead process blocks nobody.
