@@ -38,16 +38,21 @@ static cn_status add(grower *g, const char *stage, const char *item, bool done, 
 
 static cn_status look_at_poses(grower *g, bool quick, bool *done, char *reason)
 {
-    if (quick) {
-        char *path = cn_city_path(g->city, "poses/stage.json");
-        *done = path && cn_file_exists(path);
-        free(path);
-        if (!*done) snprintf(reason, CN_REASON_SIZE, "not made yet");
-        return CN_OK;
-    }
     cn_photo_index index;
     cn_stage stage;
-    CN_TRY(cn_photo_index_scan(g->ctx, g->city->config.photos, &index));
+    if (quick) {
+        char *path = cn_city_path(g->city, "photos.json");
+        cn_status loaded = path ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the list of what is due");
+        const bool there = path && cn_file_exists(path);
+        if (there) loaded = cn_photo_index_load(&index, path);
+        free(path);
+        CN_TRY(loaded);
+        *done = false;
+        snprintf(reason, CN_REASON_SIZE, "not made yet");
+        if (!there) return CN_OK;
+    } else {
+        CN_TRY(cn_photo_index_scan(g->ctx, g->city->config.photos, &index));
+    }
     const cn_status status = cn_stage_poses(g->city, &index, &stage);
     if (status == CN_OK) *done = cn_stage_done(g->city, &stage, reason);
     cn_photo_index_deinit(&index);

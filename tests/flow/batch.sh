@@ -70,6 +70,12 @@ expect 0 "film" "the last chunk" "$conurb" render "$town" --chunk 2/3
 expect 4 "train: 3 of 3 not done" "--done of another quality" "$conurb" status "$town" --done train --quality preview
 expect 2 "belongs to --done" "a quality of nothing" "$conurb" status "$town" --quality high
 
+# A job is not submitted, nor waited for, as if its settings had not changed.
+cp "$town/city.yaml" "$work/before.yaml"
+sed -i 's/^poses:/poses:\n  max_error_m: 3/' "$town/city.yaml"
+expect 4 "poses: 1 of 1 not done" "--done poses of other settings" "$conurb" status "$town" --done poses
+cp "$work/before.yaml" "$town/city.yaml"
+
 # Two processes on one tile: the second ends. The lock of a dead process blocks nobody.
 sed -i 's/steps: 24/steps: 100000/' "$town/city.yaml"
 "$conurb" train "$town" --tile "${tiles[0]}" >/dev/null 2>&1 &
