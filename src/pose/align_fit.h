@@ -7,7 +7,7 @@
 typedef struct cn_gps_pairs {
     uint32_t n, n_all; /* n: used; n_all: with GPS */
     double (*source)[3], (*target)[3];
-    double *latitude, *longitude, *height, *geoid;
+    double *latitude, *longitude, *height, *geoid, *scratch;
     bool has_height;
     /* Of the fit. within_m: the largest error of those that it counts; beyond max_error_m where GPS is worse.
      * level: up is that of the cameras. */

@@ -137,6 +137,35 @@ static double tilt_of(const city *c, view_kind kind, int i)
     return acos(fmin(fmax(kind == NADIR ? -r[8] : -r[5], -1), 1));
 }
 
+/* GPS on another continent, and an altitude that is nonsense, move neither the origin nor up. */
+static void test_gps_far_away(void **state)
+{
+    (void)state;
+    city c;
+    cn_frame frame;
+    double lowest_m = INFINITY, highest_m = -INFINITY;
+    make_city(&c, STREET, false, true);
+    for (int i = 0; i < N; i++) {
+        lowest_m = fmin(lowest_m, c.photos[i].altitude_m);
+        highest_m = fmax(highest_m, c.photos[i].altitude_m);
+    }
+    c.photos[3].latitude_deg = 40.7;
+    c.photos[3].longitude_deg = -74;
+    c.photos[7].altitude_m = 20000;
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
+    assert_int_equal(frame.n_inliers, N - 2);
+    assert_int_equal(frame.n_gps, N);
+    assert_true(fabs(frame.latitude_deg - 10) < 0.001);
+    assert_true(fabs(fabs(frame.longitude_deg) - 180) < 0.001);
+    const double above_sea_m = frame.height_m - frame.geoid_height_m;
+    assert_true(above_sea_m > lowest_m && above_sea_m < highest_m);
+    assert_true(frame.residual_vertical_m < 0.02);
+    for (int i = 0; i < N; i++)
+        assert_true(tilt_of(&c, STREET, i) < 0.001);
+    check_aligned(&c, 0.05);
+    cn_scene_deinit(&c.scene);
+}
+
 /* A flight whose GPS is bad: heights rise by 110 m while the receiver warms up, and places are off by about 10 m. Those
  * of the photos whose errors fit a turned scene do not decide where up is. */
 static void test_gps_that_drifts(void **state)
@@ -300,6 +329,7 @@ int main(void)
         cmocka_unit_test(test_area),
         cmocka_unit_test(test_lines),
         cmocka_unit_test(test_gps_outliers),
+        cmocka_unit_test(test_gps_far_away),
         cmocka_unit_test(test_gps_that_drifts),
         cmocka_unit_test(test_up_by_the_better),
         cmocka_unit_test(test_few_photos_held_askew),
