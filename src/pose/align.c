@@ -30,7 +30,7 @@ static cn_status pairs_init(cn_gps_pairs *p, uint32_t n)
     p->source = calloc(room, sizeof *p->source);
     p->target = calloc(room, sizeof *p->target);
     p->latitude = calloc(room, 5 * sizeof *p->latitude);
-    p->inlier = calloc(room, sizeof *p->inlier);
+    p->inlier = calloc(room, 3 * sizeof *p->inlier);
     if (!p->source || !p->target || !p->latitude || !p->inlier) {
         pairs_deinit(p);
         return cn_fail(CN_ERR_NOMEM, "out of memory aligning %u photos", n);
@@ -39,26 +39,40 @@ static cn_status pairs_init(cn_gps_pairs *p, uint32_t n)
     p->height = p->longitude + room;
     p->geoid = p->height + room;
     p->scratch = p->geoid + room;
+    p->known = p->inlier + room;
+    p->with_height = p->known + room;
     return CN_OK;
 }
 
-/* Photos without altitude are used only when too few have one; then all heights are 0. */
+static double median_height(const cn_gps_pairs *p)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < p->n; i++)
+        if (p->known[i]) p->scratch[n++] = p->height[i];
+    return n ? cn_select(p->scratch, n, n / 2) : 0.0;
+}
+
+/* Photos without altitude count by their place alone; until the fit tells their height, it is the median one. Where too
+ * few photos have an altitude, all heights are 0. */
 static void collect(cn_gps_pairs *p, const cn_scene *scene, const cn_photo_index *index)
 {
-    uint32_t n_height = 0;
     for (uint32_t i = 0; i < scene->n_views; i++) {
         const cn_photo *photo = scene->views[i].photo == UINT32_MAX ? NULL : &index->photos[scene->views[i].photo];
-        p->n_all += photo && photo->has_gps;
-        n_height += photo && photo->has_gps && photo->has_altitude;
-    }
-    p->has_height = n_height >= FEWEST_GPS;
-    for (uint32_t i = 0; i < scene->n_views; i++) {
-        const cn_photo *photo = scene->views[i].photo == UINT32_MAX ? NULL : &index->photos[scene->views[i].photo];
-        if (!photo || !photo->has_gps || (p->has_height && !photo->has_altitude)) continue;
+        if (!photo || !photo->has_gps) continue;
         cn_view_centre(&scene->views[i], p->source[p->n]);
         p->latitude[p->n] = photo->latitude_deg;
         p->longitude[p->n] = photo->longitude_deg;
-        p->height[p->n++] = p->has_height ? photo->altitude_m : 0.0;
+        p->known[p->n] = photo->has_altitude;
+        p->height[p->n++] = photo->has_altitude ? photo->altitude_m : 0.0;
+    }
+    p->has_height = cn_similarity_count(p->known, p->n) >= FEWEST_GPS;
+    const double median_m = median_height(p);
+    for (uint32_t i = 0; i < p->n; i++) {
+        if (!p->has_height)
+            p->height[i] = 0.0;
+        else if (!p->known[i])
+            p->height[i] = median_m;
+        p->known[i] = p->known[i] || !p->has_height;
     }
 }
 
@@ -89,28 +103,27 @@ static void median_origin(const cn_gps_pairs *p, cn_frame *frame)
         }
         median[k] = cn_select(p->scratch, p->n, p->n / 2);
     }
-    memcpy(p->scratch, p->height, p->n * sizeof *p->height);
-    set_origin(median, cn_select(p->scratch, p->n, p->n / 2), frame);
+    set_origin(median, median_height(p), frame);
 }
 
 /* The mean place of the photos that agree with the fit. */
 static void mean_origin(const cn_gps_pairs *p, cn_frame *frame)
 {
-    const uint32_t n = cn_similarity_count(p->inlier, p->n);
+    const uint32_t n = cn_similarity_count(p->with_height, p->n);
     double sum[3] = { 0 }, height = 0.0, direction[3];
     for (uint32_t i = 0; i < p->n; i++) {
         if (!p->inlier[i]) continue;
         direction_of(p, i, direction);
         for (int k = 0; k < 3; k++)
             sum[k] += direction[k];
-        height += p->height[i] / n;
+        if (p->with_height[i]) height += p->height[i] / n;
     }
-    set_origin(sum, height, frame);
+    set_origin(sum, n ? height : median_height(p), frame);
 }
 
 static cn_status check_number(const cn_gps_pairs *p)
 {
-    return p->n >= FEWEST_GPS ? CN_OK : cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n_all);
+    return p->n >= FEWEST_GPS ? CN_OK : cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n);
 }
 
 static cn_status fill_targets(cn_gps_pairs *p, const cn_frame *frame)
@@ -214,7 +227,7 @@ static cn_status georeference(const cn_context *ctx, const cn_scene *scene, cn_g
     if (found) CN_TRY(cn_geo_geoid_height(frame->latitude_deg, frame->longitude_deg, &frame->geoid_height_m, &found));
     tell_heights(ctx, p, frame);
     CN_TRY(cn_align_fit(ctx, scene, p, max_error_m, frame, s));
-    frame->n_gps = p->n_all;
+    frame->n_gps = p->n;
     return CN_OK;
 }
 
@@ -241,7 +254,7 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
         cn_log(ctx, CN_LOG_WARN, "no georeference: %s; the frame is local, and its unit is not the metre",
                cn_error_message());
         cn_frame_init(frame);
-        frame->n_gps = p.n_all;
+        frame->n_gps = p.n;
         s = (cn_similarity){ .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
         level_scene(ctx, scene, index, level, &s);
         store(&s, frame);
@@ -268,8 +281,10 @@ static cn_status fit_into(cn_gps_pairs *p, const cn_scene *scene, double max_err
     CN_TRY(add_geoid(p, &found));
     /* Where this scene's photos or the frame's have no altitude, both are at one height. */
     if (!p->has_height || frame->height_m == 0.0)
-        for (uint32_t i = 0; i < p->n; i++)
+        for (uint32_t i = 0; i < p->n; i++) {
             p->height[i] = frame->height_m;
+            p->known[i] = true;
+        }
     CN_TRY(fill_targets(p, frame));
     CN_TRY(cn_align_fit(NULL, scene, p, max_error_m, &own, s));
     const uint32_t n = cn_similarity_count(p->inlier, p->n);
