@@ -94,10 +94,61 @@ static void the_list_of_a_bundle_is_an_input(void **state)
     assert_int_equal(rmdir(folder), 0);
 }
 
+static void put(const char *folder, const char *name, const char *text)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    assert_int_equal(cn_folder_of_make(path), CN_OK);
+    assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
+}
+
+static uint64_t hash_of_plan(const char *folder)
+{
+    static cn_stage plan;
+    char path[64];
+    snprintf(path, sizeof path, "%s", folder);
+    const cn_city city = { .folder = path };
+    assert_int_equal(cn_stage_plan(&city, &plan), CN_OK);
+    return cn_stage_hash(&plan);
+}
+
+/* The plan, and by it the tiles, depend on the masks' bytes, not only on their names. */
+static void masks_are_inputs(void **state)
+{
+    (void)state;
+    char folder[] = "/tmp/conurb-record-XXXXXX", path[64];
+    cn_photo photo = { .name = "a.jpg", .width = 1, .height = 1, .orientation = 1, .camera = "" };
+    assert_non_null(mkdtemp(folder));
+    const cn_photo_index index = { .folder = folder, .photos = &photo, .n_photos = 1 };
+    static const char *const parents[] = { "frame.json", "poses/model/images.bin", "poses/model/points3D.bin" };
+    for (int i = 0; i < 3; i++)
+        put(folder, parents[i], "1");
+    snprintf(path, sizeof path, "%s/photos.json", folder);
+    put(folder, "masks/a.jpg.png", "1");
+    assert_int_equal(cn_photo_index_save(&index, path), CN_OK);
+    const uint64_t without = hash_of_plan(folder);
+    put(folder, "masks/a.jpg.png", "2");
+    assert_true(hash_of_plan(folder) == without);
+    photo.mask = "masks/a.jpg.png";
+    assert_int_equal(cn_photo_index_save(&index, path), CN_OK);
+    const uint64_t with = hash_of_plan(folder);
+    assert_true(with != without);
+    put(folder, "masks/a.jpg.png", "3");
+    assert_true(hash_of_plan(folder) != with);
+    put(folder, "masks/a.jpg.png", "2");
+    assert_true(hash_of_plan(folder) == with);
+    /* A mask that is gone is said when the photos are read. */
+    snprintf(path, sizeof path, "%s/masks/a.jpg.png", folder);
+    assert_int_equal(unlink(path), 0);
+    assert_true(hash_of_plan(folder) != with);
+    assert_int_equal(cn_folder_remove(folder), CN_OK);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(a_hash_is_of_the_whole_text),
                                         cmocka_unit_test(every_change_is_seen_and_named),
-                                        cmocka_unit_test(the_list_of_a_bundle_is_an_input) };
+                                        cmocka_unit_test(the_list_of_a_bundle_is_an_input),
+                                        cmocka_unit_test(masks_are_inputs) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
