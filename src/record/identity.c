@@ -6,6 +6,7 @@
 #include "base/json.h"
 #include "conurb/colour.h"
 #include "effect/effect.h"
+#include "pose/import.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -17,40 +18,27 @@ static void add_hash(cn_fingerprint *fingerprint, const char *name, uint64_t has
     cn_fingerprint_add(fingerprint, name, "%016" PRIx64, hash);
 }
 
-/* x.bundle.out has the names of its photos in x.list.txt. */
-static cn_status hash_photo_list(const char *import, uint64_t *hash)
-{
-    static const char ending[] = "bundle.out";
-    const size_t n = strlen(import), m = sizeof ending - 1;
-    uint64_t one;
-    if (n < m || strcmp(import + n - m, ending) != 0) return CN_OK;
-    char *list = cn_format("%.*slist.txt", (int)(n - m), import);
-    if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (cn_file_exists(list) && cn_hash_file(list, &one) == CN_OK) *hash = cn_hash_text(*hash, "%016" PRIx64, one);
-    free(list);
-    return CN_OK;
-}
-
-/* Hash of a transforms.json, or of the files of a COLMAP model. A file that cannot be read is reported later, by the
- * import. */
+/* Hash of the files that the poses are read from. A file that cannot be read is reported later, by the import. */
 static cn_status hash_import(const char *import, uint64_t *hash)
 {
-    static const char *const files[] = {
-        "cameras.bin",     "images.bin",   "points3D.bin",        "cameras.txt",
-        "images.txt",      "points3D.txt", "reconstruction.json", "opensfm/reconstruction.json",
-        "transforms.json", "bundle.out",   "bundle/bundle.out",   "list.txt"
-    };
-    uint64_t one;
+    const size_t length = strlen(import);
+    cn_import_files files;
     *hash = 0;
-    if (cn_hash_file(import, &one) == CN_OK) *hash = one;
-    CN_TRY(hash_photo_list(import, hash));
-    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-        char *path = cn_path_join(import, files[i]);
-        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-        if (cn_file_exists(path) && cn_hash_file(path, &one) == CN_OK)
-            *hash = cn_hash_text(*hash, "%s %016" PRIx64, files[i], one);
-        free(path);
+    const cn_status found = cn_import_list(import, &files);
+    if (found != CN_OK) return found == CN_ERR_NOMEM ? found : CN_OK;
+    for (uint32_t i = 0; i < files.n; i++) {
+        const char *path = files.paths[i];
+        const bool below = strncmp(path, import, length) == 0 && path[length] == '/';
+        uint64_t one;
+        if (!cn_file_exists(path) || cn_hash_file(path, &one) != CN_OK) continue;
+        if (strcmp(path, import) == 0)
+            *hash = one;
+        else if (below)
+            *hash = cn_hash_text(*hash, "%s %016" PRIx64, path + length + 1, one);
+        else
+            *hash = cn_hash_text(*hash, "%016" PRIx64, one);
     }
+    cn_import_files_deinit(&files);
     return CN_OK;
 }
 
