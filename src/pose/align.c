@@ -44,11 +44,11 @@ static cn_status pairs_init(cn_gps_pairs *p, uint32_t n)
     return CN_OK;
 }
 
-static double median_height(const cn_gps_pairs *p)
+static double median_height(const cn_gps_pairs *p, const bool *use)
 {
     uint32_t n = 0;
     for (uint32_t i = 0; i < p->n; i++)
-        if (p->known[i]) p->scratch[n++] = p->height[i];
+        if (use[i]) p->scratch[n++] = p->height[i];
     return n ? cn_select(p->scratch, n, n / 2) : 0.0;
 }
 
@@ -66,7 +66,7 @@ static void collect(cn_gps_pairs *p, const cn_scene *scene, const cn_photo_index
         p->height[p->n++] = photo->has_altitude ? photo->altitude_m : 0.0;
     }
     p->has_height = cn_similarity_count(p->known, p->n) >= FEWEST_GPS;
-    const double median_m = median_height(p);
+    const double median_m = median_height(p, p->known);
     for (uint32_t i = 0; i < p->n; i++) {
         if (!p->has_height)
             p->height[i] = 0.0;
@@ -103,7 +103,7 @@ static void median_origin(const cn_gps_pairs *p, cn_frame *frame)
         }
         median[k] = cn_select(p->scratch, p->n, p->n / 2);
     }
-    set_origin(median, median_height(p), frame);
+    set_origin(median, median_height(p, p->known), frame);
 }
 
 /* The mean place of the photos that agree with the fit. */
@@ -118,7 +118,8 @@ static void mean_origin(const cn_gps_pairs *p, cn_frame *frame)
             sum[k] += direction[k];
         if (p->with_height[i]) height += p->height[i] / n;
     }
-    set_origin(sum, n ? height : median_height(p), frame);
+    if (p->by_median || !n) height = median_height(p, n ? p->with_height : p->known);
+    set_origin(sum, height, frame);
 }
 
 static cn_status check_number(const cn_gps_pairs *p)

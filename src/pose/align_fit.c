@@ -176,6 +176,7 @@ static cn_status fit_in_doubt(cn_gps_pairs *p, const double up[3], double max_er
         if (cn_align_is_doubtful(p->n, cn_similarity_count(inlier, p->n)) && within_m < target[2]) continue;
         CN_TRY(centre_heights(p, inlier, &fitted));
         take(p, &fitted, inlier, within_m, frame, s);
+        p->by_median = true;
         return CN_OK;
     }
 }
@@ -195,7 +196,7 @@ cn_status cn_align_fit(const cn_context *ctx, const cn_scene *scene, cn_gps_pair
     cn_up_error cameras;
     gps_fit by_gps = { s, 0 };
     CN_TRY(fit_gps(ctx, scene, p, max_error_m, frame, &by_gps));
-    p->level = false;
+    p->level = p->by_median = false;
     p->within_m = max_error_m;
     frame->n_inliers = cn_similarity_count(p->inlier, p->n);
     const bool doubtful = cn_align_is_doubtful(p->n, frame->n_inliers);

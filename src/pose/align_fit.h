@@ -12,8 +12,8 @@ typedef struct cn_gps_pairs {
      * count as having the same. */
     bool has_height, *known;
     /* Of the fit. within_m: the largest error of those that it counts; beyond max_error_m where GPS is worse.
-     * level: up is that of the cameras. */
-    bool *inlier, *with_height, level; /* with_height: inliers that are known */
+     * level: up is that of the cameras. by_median: heights count by their median alone. */
+    bool *inlier, *with_height, level, by_median; /* with_height: inliers that are known */
     double within_m;
 } cn_gps_pairs;
 

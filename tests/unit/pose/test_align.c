@@ -177,7 +177,7 @@ static void test_gps_that_drifts(void **state)
     (void)state;
     city c;
     cn_frame frame;
-    double place_m = 0, centre[3], mean[3] = { 0 }, truth[3] = { 0 };
+    double place_m = 0, highest_m = 0, centre[3], mean[3] = { 0 }, truth[3] = { 0 };
     make_city(&c, NADIR, false, true);
     for (int i = 0; i < N; i++) {
         const double off[3] = { 10 * uniform(400 + i), 10 * uniform(500 + i), 110.0 * i / N };
@@ -185,9 +185,12 @@ static void test_gps_that_drifts(void **state)
         for (int k = 0; k < 3; k++)
             at[k] = c.truth[i][k] + off[k];
         place_photo(&c, i, at);
+        highest_m = fmax(highest_m, c.photos[i].altitude_m);
     }
+    c.photos[7].altitude_m = 20000;
     assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
     assert_true(frame.georeferenced);
+    assert_true(frame.height_m - frame.geoid_height_m < highest_m);
     assert_true(frame.n_inliers < 0.6 * N); /* the poses stay in doubt: import checks and attempts go by that */
     for (int i = 0; i < N; i++)
         assert_true(tilt_of(&c, NADIR, i) < 0.01);
