@@ -287,6 +287,9 @@ typedef struct cn_similarity_task {
     double max_error_m;
     double vertical_weight; /* weight of the third coordinate in the error: 1, or less when heights are noisy */
     uint64_t seed;
+    /* NULL, or a flag for each pair: without it the target's third coordinate, which has to be finite, is not known and
+     * counts neither for the fit nor as an error. */
+    const bool *has_height;
 } cn_similarity_task;
 /* Fits a similarity transform to the pairs: RANSAC (Fischler and Bolles 1981) around Horn's closed form (1987) with
  * Umeyama's scale (1991), refitted to the inliers. The same seed gives the same result. inlier: NULL, or n flags to

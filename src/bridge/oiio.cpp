@@ -1,11 +1,11 @@
-// OpenImageIO behind bridge/oiio.h. Every exception is caught here. Buffers are allocated by malloc, so that C can free
-// them.
+// OpenImageIO behind bridge/oiio.h. Every exception is caught here. Buffers come from malloc, so that C can free them.
 #include "bridge/oiio.h"
 
 extern "C" {
 #include "base/file.h"
 }
 #include "base/srgb.h"
+#include "bridge/jpeg.h"
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
@@ -214,8 +214,9 @@ template <class F> cn_status decode(const char *path, OIIO::ImageInput &in, cons
                               : in.read_scanlines(0, 0, y, y + rows, 0, from, to, OIIO::TypeDesc::FLOAT, band.data());
         // The library decodes a truncated JPEG without failing. Only has_error tells that it is truncated.
         if (!read || in.has_error()) {
-            const std::string why = in.geterror();
-            return cn_fail(CN_ERR_FORMAT, "%s is damaged: %s", path, why.empty() ? "it ends too early" : why.c_str());
+            const std::string why = in.has_error() ? in.geterror() : "it ends too early";
+            if (!read || !cn_jpeg_is_whole(path, why.c_str()))
+                return cn_fail(CN_ERR_FORMAT, "%s is damaged: %s", path, why.c_str());
         }
         use(static_cast<uint32_t>(row), static_cast<uint32_t>(rows), band.data());
     }
@@ -286,11 +287,10 @@ void set_attributes(OIIO::ImageSpec &spec, const cn_oiio_attribute *a)
     for (; a && a->name; a++) {
         if (a->text) {
             spec.attribute(a->name, a->text);
+        } else if (a->n_numbers == 1 && is_whole(a->name)) {
+            spec.attribute(a->name, static_cast<int>(a->numbers[0]));
         } else if (a->n_numbers == 1) {
-            if (is_whole(a->name))
-                spec.attribute(a->name, static_cast<int>(a->numbers[0]));
-            else
-                spec.attribute(a->name, writable(a->numbers[0]));
+            spec.attribute(a->name, writable(a->numbers[0]));
         } else if (a->n_numbers > 1) {
             std::vector<float> f(a->numbers, a->numbers + a->n_numbers);
             spec.attribute(a->name, OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, a->n_numbers), f.data());

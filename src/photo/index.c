@@ -16,7 +16,7 @@
 #include <sys/stat.h>
 #include <time.h>
 
-/* Files of a kind that is not read. */
+/* Files of a kind, or folders, that are not read. */
 typedef struct unread {
     uint32_t n;
     char first[256];
@@ -25,7 +25,7 @@ typedef struct unread {
 typedef struct names {
     char **list;
     uint32_t n, room;
-    unread raw, films;
+    unread raw, films, cities;
 } names;
 
 static bool ends_with_one_of(const char *name, const char *const *endings)
@@ -84,6 +84,15 @@ static void count_unread(unread *kind, const char *name)
     if (!kind->n++) snprintf(kind->first, sizeof kind->first, "%s", name);
 }
 
+/* Among the photos a city's folder would be read too, with what was rendered from them. */
+static bool is_city(const char *folder)
+{
+    char *path = cn_path_join(folder, "city.yaml");
+    const bool city = path && cn_file_exists(path);
+    free(path);
+    return city;
+}
+
 enum { MOST_DEEP = 16 }; /* depth of nested folders at most: links can make a loop */
 
 /* below: path of the folder relative to the root, "" at the root. */
@@ -100,7 +109,9 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
         struct stat st;
         const bool known = full && stat(full, &st) == 0, masks = depth == 0 && strcmp(entry, "masks") == 0;
         const bool folder = known && S_ISDIR(st.st_mode) && depth < MOST_DEEP && !masks;
-        if (folder) status = list_folder(root, name, depth + 1, all);
+        const bool city = folder && is_city(full);
+        if (city) count_unread(&all->cities, name);
+        if (folder && !city) status = list_folder(root, name, depth + 1, all);
         /* A photo that does not exist (a dangling link) is listed too, so that it is reported as left out. */
         const bool file = full && (!known || S_ISREG(st.st_mode));
         const bool photo = file && ends_with_one_of(entry, photo_endings);
@@ -376,6 +387,7 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
     tell_unread(ctx, &all.raw,
                 "camera raw and such types are not read; develop them to JPEG or 16-bit TIFF, with their EXIF");
     tell_unread(ctx, &all.films, "a film; `conurb init CITY --video FILM` takes photos from one");
+    tell_unread(ctx, &all.cities, "the folder of a city; what it holds is made from photos");
     if (status == CN_OK) status = scan_all(ctx, &s, all.n, index);
     for (uint32_t i = 0; i < all.n; i++) {
         if (s.photos) free_photo(&s.photos[i]);

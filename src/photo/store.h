@@ -62,6 +62,9 @@ static inline uint64_t cn_store_photo_bytes(const cn_store_record *r)
 {
     return cn_store_normals_at(r) + (r->normal_hash ? 4 * (uint64_t)r->width * r->height : 0);
 }
+/* Whether cn_pixel_store_build would leave the file as it is. */
+CN_NODISCARD cn_status cn_pixel_store_is_done(const cn_photo_index *index, uint32_t width_px, const char *path,
+                                              bool *done);
 /* A store of n photos of one size, from rgbw[n][height][width][4], in memory that no file names. Caller closes. */
 CN_NODISCARD cn_status cn_pixel_store_in_memory(cn_pixel_store **store, uint32_t n, uint32_t width, uint32_t height,
                                                 const float *rgbw);

@@ -387,6 +387,12 @@ static cn_status build_file(const cn_context *ctx, builder *b, const char *part)
     return status;
 }
 
+/* Where a stopped build keeps what it has read. NULL when out of memory. */
+static char *part_of(const char *path)
+{
+    return cn_format("%s.part", path);
+}
+
 static void open_old(const cn_context *ctx, const char *path, cn_pixel_store **old)
 {
     if (cn_file_exists(path) && cn_pixel_store_open(old, path) != CN_OK)
@@ -428,6 +434,24 @@ static cn_status build_with(const cn_context *ctx, builder *b, const char *part)
     return status;
 }
 
+cn_status cn_pixel_store_is_done(const cn_photo_index *index, uint32_t width_px, const char *path, bool *done)
+{
+    builder b = { .index = index, .path = path, .width_px = width_px };
+    cn_pixel_store *old = NULL;
+    char *part = part_of(path);
+    b.records = calloc(index->n_photos + 1u, sizeof *b.records);
+    cn_status status = part && b.records ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory while looking at %s", path);
+    *done = false;
+    if (status == CN_OK) open_old(NULL, path, &old);
+    b.old[0] = old;
+    if (status == CN_OK) status = lay_out(&b);
+    if (status == CN_OK) *done = is_done(&b) && !cn_file_exists(part);
+    cn_pixel_store_close(&old);
+    free(b.records);
+    free(part);
+    return status;
+}
+
 cn_status cn_pixel_store_build(const cn_context *ctx, const cn_photo_index *index, uint32_t width_px, const char *path)
 {
     if (width_px < 16 || width_px > 65535)
@@ -435,7 +459,7 @@ cn_status cn_pixel_store_build(const cn_context *ctx, const cn_photo_index *inde
     /* The store is ACEScg by definition; a user's own config may not even have it. */
     cn_colour *colour = NULL;
     CN_TRY(cn_colour_create(&colour, ""));
-    char *temporary = cn_file_temporary(path), *part = cn_format("%s.part", path);
+    char *temporary = cn_file_temporary(path), *part = part_of(path);
     builder b = { .index = index, .colour = colour, .path = path, .temporary = temporary, .width_px = width_px };
     const cn_status status =
         temporary && part ? build_with(ctx, &b, part) : cn_fail(CN_ERR_NOMEM, "out of memory while making %s", path);

@@ -29,8 +29,8 @@ static cn_status pairs_init(cn_gps_pairs *p, uint32_t n)
     memset(p, 0, sizeof *p);
     p->source = calloc(room, sizeof *p->source);
     p->target = calloc(room, sizeof *p->target);
-    p->latitude = calloc(room, 4 * sizeof *p->latitude);
-    p->inlier = calloc(room, sizeof *p->inlier);
+    p->latitude = calloc(room, 5 * sizeof *p->latitude);
+    p->inlier = calloc(room, 3 * sizeof *p->inlier);
     if (!p->source || !p->target || !p->latitude || !p->inlier) {
         pairs_deinit(p);
         return cn_fail(CN_ERR_NOMEM, "out of memory aligning %u photos", n);
@@ -38,49 +38,93 @@ static cn_status pairs_init(cn_gps_pairs *p, uint32_t n)
     p->longitude = p->latitude + room;
     p->height = p->longitude + room;
     p->geoid = p->height + room;
+    p->scratch = p->geoid + room;
+    p->known = p->inlier + room;
+    p->with_height = p->known + room;
     return CN_OK;
 }
 
-/* Photos without altitude are used only when too few have one; then all heights are 0. */
+static double median_height(const cn_gps_pairs *p, const bool *use)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < p->n; i++)
+        if (use[i]) p->scratch[n++] = p->height[i];
+    return n ? cn_select(p->scratch, n, n / 2) : 0.0;
+}
+
+/* Photos without altitude count by their place alone; until the fit tells their height, it is the median one. Where too
+ * few photos have an altitude, all heights are 0. */
 static void collect(cn_gps_pairs *p, const cn_scene *scene, const cn_photo_index *index)
 {
-    uint32_t n_height = 0;
     for (uint32_t i = 0; i < scene->n_views; i++) {
         const cn_photo *photo = scene->views[i].photo == UINT32_MAX ? NULL : &index->photos[scene->views[i].photo];
-        p->n_all += photo && photo->has_gps;
-        n_height += photo && photo->has_gps && photo->has_altitude;
-    }
-    p->has_height = n_height >= FEWEST_GPS;
-    for (uint32_t i = 0; i < scene->n_views; i++) {
-        const cn_photo *photo = scene->views[i].photo == UINT32_MAX ? NULL : &index->photos[scene->views[i].photo];
-        if (!photo || !photo->has_gps || (p->has_height && !photo->has_altitude)) continue;
+        if (!photo || !photo->has_gps) continue;
         cn_view_centre(&scene->views[i], p->source[p->n]);
         p->latitude[p->n] = photo->latitude_deg;
         p->longitude[p->n] = photo->longitude_deg;
-        p->height[p->n++] = p->has_height ? photo->altitude_m : 0.0;
+        p->known[p->n] = photo->has_altitude;
+        p->height[p->n++] = photo->has_altitude ? photo->altitude_m : 0.0;
+    }
+    p->has_height = cn_similarity_count(p->known, p->n) >= FEWEST_GPS;
+    const double median_m = median_height(p, p->known);
+    for (uint32_t i = 0; i < p->n; i++) {
+        if (!p->has_height)
+            p->height[i] = 0.0;
+        else if (!p->known[i])
+            p->height[i] = median_m;
+        p->known[i] = p->known[i] || !p->has_height;
     }
 }
 
-/* The mean place, averaged as directions from the Earth's centre, so that poles and the antimeridian need no special
- * case. */
-static void mean_place(const cn_gps_pairs *p, cn_frame *frame)
+/* Places count as directions from the Earth's centre, so that poles and the antimeridian need no special case. */
+static void direction_of(const cn_gps_pairs *p, uint32_t i, double direction[3])
 {
-    double sum[3] = { 0 }, height = 0.0;
-    for (uint32_t i = 0; i < p->n; i++) {
-        double lat = cn_radians(p->latitude[i]), lon = cn_radians(p->longitude[i]);
-        sum[0] += cos(lat) * cos(lon);
-        sum[1] += cos(lat) * sin(lon);
-        sum[2] += sin(lat);
-        height += p->height[i] / p->n;
+    const double lat = cn_radians(p->latitude[i]), lon = cn_radians(p->longitude[i]);
+    direction[0] = cos(lat) * cos(lon);
+    direction[1] = cos(lat) * sin(lon);
+    direction[2] = sin(lat);
+}
+
+static void set_origin(const double direction[3], double height_m, cn_frame *frame)
+{
+    frame->latitude_deg = cn_degrees(atan2(direction[2], hypot(direction[0], direction[1])));
+    frame->longitude_deg = cn_degrees(atan2(direction[1], direction[0]));
+    frame->height_m = height_m;
+}
+
+/* The median place, near most photos whatever GPS the others have. */
+static void median_origin(const cn_gps_pairs *p, cn_frame *frame)
+{
+    double median[3], direction[3];
+    for (int k = 0; k < 3; k++) {
+        for (uint32_t i = 0; i < p->n; i++) {
+            direction_of(p, i, direction);
+            p->scratch[i] = direction[k];
+        }
+        median[k] = cn_select(p->scratch, p->n, p->n / 2);
     }
-    frame->latitude_deg = cn_degrees(atan2(sum[2], hypot(sum[0], sum[1])));
-    frame->longitude_deg = cn_degrees(atan2(sum[1], sum[0]));
-    frame->height_m = height;
+    set_origin(median, median_height(p, p->known), frame);
+}
+
+/* The mean place of the photos that agree with the fit. */
+static void mean_origin(const cn_gps_pairs *p, cn_frame *frame)
+{
+    const uint32_t n = cn_similarity_count(p->with_height, p->n);
+    double sum[3] = { 0 }, height = 0.0, direction[3];
+    for (uint32_t i = 0; i < p->n; i++) {
+        if (!p->inlier[i]) continue;
+        direction_of(p, i, direction);
+        for (int k = 0; k < 3; k++)
+            sum[k] += direction[k];
+        if (p->with_height[i]) height += p->height[i] / n;
+    }
+    if (p->by_median || !n) height = median_height(p, n ? p->with_height : p->known);
+    set_origin(sum, height, frame);
 }
 
 static cn_status check_number(const cn_gps_pairs *p)
 {
-    return p->n >= FEWEST_GPS ? CN_OK : cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n_all);
+    return p->n >= FEWEST_GPS ? CN_OK : cn_fail(CN_ERR_DATA, "%u posed photos have GPS, but 3 are needed", p->n);
 }
 
 static cn_status fill_targets(cn_gps_pairs *p, const cn_frame *frame)
@@ -102,15 +146,8 @@ static cn_status add_geoid(cn_gps_pairs *p, bool *found)
     return CN_OK;
 }
 
-static cn_status to_local(const cn_context *ctx, cn_gps_pairs *p, cn_frame *frame)
+static void tell_heights(const cn_context *ctx, const cn_gps_pairs *p, const cn_frame *frame)
 {
-    bool found;
-    CN_TRY(add_geoid(p, &found));
-    frame->geoid_applied = found && p->has_height;
-    mean_place(p, frame);
-    frame->georeferenced = true; /* lets the frame convert */
-    if (found) CN_TRY(cn_geo_geoid_height(frame->latitude_deg, frame->longitude_deg, &frame->geoid_height_m, &found));
-    CN_TRY(fill_targets(p, frame));
     if (!p->has_height)
         cn_log(ctx, CN_LOG_WARN, "the photos have no GPS altitude: heights are relative to the cameras");
     else if (frame->geoid_applied)
@@ -120,7 +157,6 @@ static cn_status to_local(const cn_context *ctx, cn_gps_pairs *p, cn_frame *fram
         cn_log(ctx, CN_LOG_WARN,
                "EXIF altitudes are above sea level, but the EGM96 grid is not installed: heights are "
                "not ellipsoidal (install the package proj-data)");
-    return CN_OK;
 }
 
 static void report(const cn_context *ctx, const cn_gps_pairs *p, double max_error_m, const cn_frame *frame)
@@ -177,10 +213,22 @@ static void level_scene(const cn_context *ctx, const cn_scene *scene, const cn_p
 static cn_status georeference(const cn_context *ctx, const cn_scene *scene, cn_gps_pairs *p, double max_error_m,
                               cn_frame *frame, cn_similarity *s)
 {
+    bool found;
     CN_TRY(check_number(p));
-    CN_TRY(to_local(ctx, p, frame));
+    CN_TRY(add_geoid(p, &found));
+    frame->geoid_applied = found && p->has_height;
+    frame->georeferenced = true; /* lets the frame convert */
+    /* One photo with GPS on another continent would move a mean of all by hundreds of kilometres, and tilt the frame.
+     * So a first fit, about the median, tells which photos the origin is the mean of. */
+    median_origin(p, frame);
+    CN_TRY(fill_targets(p, frame));
+    CN_TRY(cn_align_fit(NULL, scene, p, max_error_m, frame, s));
+    mean_origin(p, frame);
+    CN_TRY(fill_targets(p, frame));
+    if (found) CN_TRY(cn_geo_geoid_height(frame->latitude_deg, frame->longitude_deg, &frame->geoid_height_m, &found));
+    tell_heights(ctx, p, frame);
     CN_TRY(cn_align_fit(ctx, scene, p, max_error_m, frame, s));
-    frame->n_gps = p->n_all;
+    frame->n_gps = p->n;
     return CN_OK;
 }
 
@@ -207,7 +255,7 @@ cn_status cn_align(const cn_context *ctx, cn_scene *scene, const cn_photo_index 
         cn_log(ctx, CN_LOG_WARN, "no georeference: %s; the frame is local, and its unit is not the metre",
                cn_error_message());
         cn_frame_init(frame);
-        frame->n_gps = p.n_all;
+        frame->n_gps = p.n;
         s = (cn_similarity){ .scale = 1.0, .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
         level_scene(ctx, scene, index, level, &s);
         store(&s, frame);
@@ -234,8 +282,10 @@ static cn_status fit_into(cn_gps_pairs *p, const cn_scene *scene, double max_err
     CN_TRY(add_geoid(p, &found));
     /* Where this scene's photos or the frame's have no altitude, both are at one height. */
     if (!p->has_height || frame->height_m == 0.0)
-        for (uint32_t i = 0; i < p->n; i++)
+        for (uint32_t i = 0; i < p->n; i++) {
             p->height[i] = frame->height_m;
+            p->known[i] = true;
+        }
     CN_TRY(fill_targets(p, frame));
     CN_TRY(cn_align_fit(NULL, scene, p, max_error_m, &own, s));
     const uint32_t n = cn_similarity_count(p->inlier, p->n);

@@ -36,25 +36,36 @@ bool cn_align_is_clearly_better(uint32_t n_gps, uint32_t n_before, uint32_t n_in
 
 static cn_similarity_task task_of(const cn_gps_pairs *p, double max_error_m, double vertical_weight)
 {
-    return (cn_similarity_task){
-        p->n, (const double(*)[3])p->source, (const double(*)[3])p->target, max_error_m, vertical_weight, SEED
-    };
+    return (cn_similarity_task){ .n = p->n,
+                                 .source = (const double(*)[3])p->source,
+                                 .target = (const double(*)[3])p->target,
+                                 .max_error_m = max_error_m,
+                                 .vertical_weight = vertical_weight,
+                                 .seed = SEED,
+                                 .has_height = vertical_weight > 0 ? p->known : NULL };
+}
+
+static uint32_t mark_heights(const cn_gps_pairs *p)
+{
+    for (uint32_t i = 0; i < p->n; i++)
+        p->with_height[i] = p->inlier[i] && p->known[i];
+    return cn_similarity_count(p->with_height, p->n);
 }
 
 static void residuals(const cn_gps_pairs *p, const cn_similarity *s, cn_frame *frame)
 {
     double horizontal = 0.0, vertical = 0.0;
-    const uint32_t n = cn_similarity_count(p->inlier, p->n);
+    const uint32_t n = cn_similarity_count(p->inlier, p->n), n_heights = mark_heights(p);
     for (uint32_t i = 0; i < p->n; i++) {
         double at[3];
         if (!p->inlier[i]) continue;
         cn_similarity_apply(s, p->source[i], at);
         double dx = at[0] - p->target[i][0], dy = at[1] - p->target[i][1], dz = at[2] - p->target[i][2];
         horizontal += dx * dx + dy * dy;
-        vertical += dz * dz;
+        vertical += p->with_height[i] ? dz * dz : 0;
     }
     frame->residual_horizontal_m = sqrt(horizontal / n);
-    frame->residual_vertical_m = sqrt(vertical / n);
+    frame->residual_vertical_m = n_heights ? sqrt(vertical / n_heights) : 0;
 }
 
 static cn_status fit_line(const cn_context *ctx, const cn_scene *scene, const cn_similarity_task *task,
@@ -82,7 +93,8 @@ static cn_status fit_gps(const cn_context *ctx, const cn_scene *scene, cn_gps_pa
     const cn_similarity_task task = task_of(p, max_error_m, VERTICAL_WEIGHT);
     cn_similarity *s = out->similarity;
     double source[3], target[3], up[3];
-    cn_spread(p->n, task.source, NULL, source, NULL);
+    /* Those without altitude do not tell the turn about a line. */
+    cn_spread(p->n, task.source, p->known, source, NULL);
     cn_spread(p->n, task.target, NULL, target, NULL);
     if (!(target[2] > ONE_PLACE_M) || !(source[2] > 0.0))
         return cn_fail(CN_ERR_DATA, "all photos were taken at one place");
@@ -92,7 +104,7 @@ static cn_status fit_gps(const cn_context *ctx, const cn_scene *scene, cn_gps_pa
     else
         CN_TRY(cn_pose_fit_similarity(&task, s, p->inlier));
     residuals(p, s, frame);
-    cn_spread(p->n, task.source, p->inlier, source, NULL);
+    cn_spread(p->n, task.source, p->with_height, source, NULL);
     double noise = hypot(frame->residual_horizontal_m, frame->residual_vertical_m);
     if (!line && s->scale * source[1] < LINE_NOISE * noise && cn_align_up(scene, CN_SIDE_TOP, up)) {
         CN_TRY(fit_line(ctx, scene, &task, s, p->inlier));
@@ -100,7 +112,7 @@ static cn_status fit_gps(const cn_context *ctx, const cn_scene *scene, cn_gps_pa
         line = true;
     }
     /* Three numbers of the fit, a height and two tilts, take up as much of the heights' errors. */
-    const double n = cn_similarity_count(p->inlier, p->n), lever = s->scale * source[line ? 2 : 1];
+    const double n = mark_heights(p), lever = s->scale * source[line ? 2 : 1];
     out->tilt = p->has_height && n > 3 && lever > 0
                     ? frame->residual_vertical_m * sqrt(n / (n - 3)) / (lever * sqrt(fmax(n / ALIKE, 1)))
                     : INFINITY;
@@ -115,11 +127,11 @@ static cn_status centre_heights(const cn_gps_pairs *p, const bool *inlier, cn_si
     if (!above) return cn_fail(CN_ERR_NOMEM, "out of memory aligning %u photos", p->n);
     for (uint32_t i = 0; i < p->n; i++) {
         double at[3];
-        if (!inlier[i]) continue;
+        if (!inlier[i] || !p->known[i]) continue;
         cn_similarity_apply(s, p->source[i], at);
         above[n++] = p->target[i][2] - at[2];
     }
-    s->translation[2] += cn_select(above, n, n / 2);
+    if (n) s->translation[2] += cn_select(above, n, n / 2);
     free(above);
     return CN_OK;
 }
@@ -164,6 +176,7 @@ static cn_status fit_in_doubt(cn_gps_pairs *p, const double up[3], double max_er
         if (cn_align_is_doubtful(p->n, cn_similarity_count(inlier, p->n)) && within_m < target[2]) continue;
         CN_TRY(centre_heights(p, inlier, &fitted));
         take(p, &fitted, inlier, within_m, frame, s);
+        p->by_median = true;
         return CN_OK;
     }
 }
@@ -183,7 +196,7 @@ cn_status cn_align_fit(const cn_context *ctx, const cn_scene *scene, cn_gps_pair
     cn_up_error cameras;
     gps_fit by_gps = { s, 0 };
     CN_TRY(fit_gps(ctx, scene, p, max_error_m, frame, &by_gps));
-    p->level = false;
+    p->level = p->by_median = false;
     p->within_m = max_error_m;
     frame->n_inliers = cn_similarity_count(p->inlier, p->n);
     const bool doubtful = cn_align_is_doubtful(p->n, frame->n_inliers);

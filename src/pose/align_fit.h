@@ -5,13 +5,15 @@
 
 /* The views with GPS: camera centres, and GPS positions in the local frame. */
 typedef struct cn_gps_pairs {
-    uint32_t n, n_all; /* n: used; n_all: with GPS */
+    uint32_t n;
     double (*source)[3], (*target)[3];
-    double *latitude, *longitude, *height, *geoid;
-    bool has_height;
+    double *latitude, *longitude, *height, *geoid, *scratch;
+    /* has_height: enough of the photos have an altitude. known: of each, whether it has one; where too few have, all
+     * count as having the same. */
+    bool has_height, *known;
     /* Of the fit. within_m: the largest error of those that it counts; beyond max_error_m where GPS is worse.
-     * level: up is that of the cameras. */
-    bool *inlier, level;
+     * level: up is that of the cameras. by_median: heights count by their median alone. */
+    bool *inlier, *with_height, level, by_median; /* with_height: inliers that are known */
     double within_m;
 } cn_gps_pairs;
 

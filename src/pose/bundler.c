@@ -17,22 +17,33 @@ typedef struct source {
 } source;
 
 /* x.bundle.out has x.list.txt, as COLMAP names them; else list.txt in the same folder, or in the one around it.
- * *path: the caller frees it. */
-static cn_status find_list(const cn_importer *to, char **path)
+ * *list: the caller frees it. */
+static cn_status find_list(const char *path, const char *folder, char **list)
 {
     static const char ENDING[] = "bundle.out";
-    const size_t n = strlen(to->path), m = sizeof ENDING - 1;
-    const int stem = n > m && strcmp(to->path + n - m, ENDING) == 0 ? (int)(n - m) : 0;
+    const size_t n = strlen(path), m = sizeof ENDING - 1;
+    const int stem = n > m && strcmp(path + n - m, ENDING) == 0 ? (int)(n - m) : 0;
     for (int k = 0; k < 3; k++) {
-        *path = k == 0   ? cn_format("%.*slist.txt", stem, to->path)
-                : k == 1 ? cn_path_join(to->folder, "list.txt")
-                         : cn_path_join(to->folder, "../list.txt");
-        if (!*path) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", to->path);
-        if ((k || stem) && cn_file_exists(*path)) return CN_OK;
-        free(*path);
-        *path = NULL;
+        *list = k == 0   ? cn_format("%.*slist.txt", stem, path)
+                : k == 1 ? cn_path_join(folder, "list.txt")
+                         : cn_path_join(folder, "../list.txt");
+        if (!*list) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", path);
+        if ((k || stem) && cn_file_exists(*list)) return CN_OK;
+        free(*list);
+        *list = NULL;
     }
-    return cn_fail(CN_ERR_FORMAT, "%s: the list of its photos is missing; put list.txt beside it", to->path);
+    return cn_fail(CN_ERR_FORMAT, "%s: the list of its photos is missing; put list.txt beside it", path);
+}
+
+cn_status cn_import_bundler_list(const char *path, char **list)
+{
+    char *folder;
+    *list = NULL;
+    CN_TRY(cn_path_absolute(path, &folder));
+    *strrchr(folder, '/') = '\0';
+    const cn_status status = find_list(path, folder, list);
+    free(folder);
+    return status;
 }
 
 /* Bundler's lists have up to two numbers after a name: 0, and a focal length. Cuts them off. */
@@ -113,7 +124,7 @@ cn_status cn_import_bundler(cn_importer *to)
 {
     source from = { .to = to };
     char *list = NULL;
-    CN_TRY(find_list(to, &list));
+    CN_TRY(find_list(to->path, to->folder, &list));
     cn_status status = cn_import_lines_read(to->path, &from.text);
     if (status == CN_OK) status = cn_import_lines_read(list, &from.list);
     if (status == CN_OK) status = read_photos(&from);

@@ -56,8 +56,7 @@ cn_status cn_control_file_mark(cn_control_file *file, const cn_control_seen *see
 {
     cn_control *to = file->to;
     const char *path = file->source->path, *name = to->points[seen->point].name;
-    int64_t photo = cn_photo_finder_find(&file->finder, seen->photo);
-    if (photo < 0) photo = cn_photo_finder_find(&file->finder, cn_path_base(seen->photo));
+    const int64_t photo = cn_photo_finder_match(&file->finder, seen->photo);
     if (photo < 0) {
         if (file->n_missing++ < NAMED_AT_MOST)
             cn_log(file->ctx, CN_LOG_WARN, "%s: photo %s is not in the collection; its marks are left out", path,

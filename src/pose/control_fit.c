@@ -159,7 +159,7 @@ static cn_status fit_similarity(const fitting *f, uint32_t n, double (*source)[3
     if (!(deviation[1] > LINE_SHARE * deviation[2]))
         return cn_fail(CN_ERR_DATA, "the control points are on a line, which leaves the turn about it open");
     const cn_similarity_task task = {
-        n, (const double(*)[3])source, (const double(*)[3])target, f->options->max_error_m, 1.0, SEED
+        n, (const double(*)[3])source, (const double(*)[3])target, f->options->max_error_m, 1.0, SEED, NULL
     };
     return cn_pose_fit_similarity(&task, out, NULL);
 }

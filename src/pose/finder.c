@@ -25,6 +25,7 @@ static void sort_entries(cn_finder_entry *entries, uint32_t n)
 cn_status cn_photo_finder_init(cn_photo_finder *f, const cn_photo_index *index)
 {
     f->n = index->n_photos;
+    f->of = index;
     f->whole = malloc(sizeof *f->whole * 2 * (f->n + (size_t)1));
     f->bare = f->whole + f->n;
     if (!f->whole) return cn_fail(CN_ERR_NOMEM, "out of memory for the names of %u photos", f->n);
@@ -65,4 +66,49 @@ int64_t cn_photo_finder_find(const cn_photo_finder *f, const char *name)
     if (i == f->n || strcmp(f->bare[i].name, name) != 0) return -1;
     const bool unique = i + 1 == f->n || strcmp(f->bare[i + 1].name, name) != 0;
     return unique ? (int64_t)f->bare[i].photo : -1;
+}
+
+/* Takes the last name off a path of n characters: the number of characters before it and its slashes. *name: where it
+ * begins. */
+static size_t step_back(const char *path, size_t n, size_t *name)
+{
+    while (n && path[n - 1] != '/')
+        n--;
+    *name = n;
+    while (n && path[n - 1] == '/')
+        n--;
+    return n;
+}
+
+/* How many names both paths end with; 0 where both have other folders before these. */
+static uint32_t count_common(const char *a, const char *b)
+{
+    size_t i = strlen(a), j = strlen(b);
+    for (uint32_t n = 0;; n++) {
+        size_t from_a, from_b;
+        if (!i || !j) return n;
+        const size_t before_a = step_back(a, i, &from_a), before_b = step_back(b, j, &from_b);
+        if (i - from_a != j - from_b || memcmp(a + from_a, b + from_b, i - from_a) != 0) return 0;
+        i = before_a;
+        j = before_b;
+    }
+}
+
+int64_t cn_photo_finder_match(const cn_photo_finder *f, const char *path)
+{
+    /* That the photos lie above the file of poses does not tell their folder. */
+    while (strncmp(path, "./", 2) == 0 || strncmp(path, "../", 3) == 0)
+        path = strchr(path, '/') + 1;
+    const int64_t exact = cn_photo_finder_find(f, path);
+    if (exact >= 0) return exact;
+    const char *base = cn_path_base(path);
+    int64_t found = -1;
+    uint32_t most = 0;
+    for (uint32_t i = lower_bound(f->bare, f->n, base); i < f->n && strcmp(f->bare[i].name, base) == 0; i++) {
+        const uint32_t n = count_common(path, f->of->photos[f->bare[i].photo].name);
+        if (n == most) found = -1;
+        if (n > most) found = f->bare[i].photo;
+        if (n > most) most = n;
+    }
+    return found;
 }

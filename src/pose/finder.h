@@ -10,11 +10,16 @@ typedef struct cn_finder_entry {
 typedef struct cn_photo_finder {
     cn_finder_entry *whole, *bare; /* sorted by name, and by file name without folder */
     uint32_t n;
+    const cn_photo_index *of;
 } cn_photo_finder;
 
-/* Borrows the names of the index. Nothing to free on failure. */
+/* Borrows the index. Nothing to free on failure. */
 CN_NODISCARD cn_status cn_photo_finder_init(cn_photo_finder *finder, const cn_photo_index *index);
 void cn_photo_finder_deinit(cn_photo_finder *finder);
 /* Index of the photo of that name, or -1. A bare file name also matches when it is unique. For any thread. */
 int64_t cn_photo_finder_find(const cn_photo_finder *finder, const char *name);
+/* The photo that a path of another program or machine names: the one with which it has most in common from the end on,
+ * in whole names of folders. -1 where there are several, or where both have folders left: they are then of different
+ * folders, as cam1/2.jpg and cam0/2.jpg. */
+int64_t cn_photo_finder_match(const cn_photo_finder *finder, const char *path);
 #endif

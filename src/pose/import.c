@@ -118,6 +118,12 @@ static cn_status choose(const char *path, file_kind *out)
     return cn_fail(CN_ERR_FORMAT, "%s: no tool that Conurb knows writes such a file; give " CN_IMPORT_NAMES, path);
 }
 
+bool cn_import_has_list(const char *path)
+{
+    file_kind kind;
+    return choose(path, &kind) == CN_OK && kind.read == cn_import_bundler;
+}
+
 cn_status cn_import_file(const cn_context *ctx, const char *path, const cn_photo_index *index, cn_scene *scene,
                          uint32_t *n_models, cn_import_origin *origin)
 {

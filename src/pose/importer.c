@@ -31,8 +31,7 @@ static int64_t find_exact(const cn_importer *to, const char *file)
     if (full && strncmp(full, to->index->folder, n) == 0 && full[n] == '/')
         found = cn_photo_finder_find(&to->finder, full + n + 1);
     free(full);
-    if (found < 0) found = cn_photo_finder_find(&to->finder, file);
-    return found < 0 ? cn_photo_finder_find(&to->finder, cn_path_base(file)) : found;
+    return found < 0 ? cn_photo_finder_match(&to->finder, file) : found;
 }
 
 void cn_importer_find(cn_importer *to, const char *file, int64_t *photo)

@@ -56,6 +56,8 @@ bool cn_import_rotation(double r[9]);
 CN_NODISCARD cn_status cn_import_transforms(cn_importer *to);
 CN_NODISCARD cn_status cn_import_opensfm(cn_importer *to);
 CN_NODISCARD cn_status cn_import_bundler(cn_importer *to);
+/* The list of photos that belongs to a bundle.out; the caller frees *list. CN_ERR_FORMAT: there is none. */
+CN_NODISCARD cn_status cn_import_bundler_list(const char *path, char **list);
 CN_NODISCARD cn_status cn_import_nvm(cn_importer *to);
 CN_NODISCARD cn_status cn_import_metashape(cn_importer *to);
 CN_NODISCARD cn_status cn_import_reality_capture(cn_importer *to);

@@ -268,7 +268,7 @@ static cn_status compare_places(const cn_scene *a, const cn_scene *b, bool *same
         cn_similarity s;
         cn_spread(n, (const double(*)[3])to, NULL, spread, NULL);
         const cn_similarity_task task = {
-            n, (const double(*)[3])from, (const double(*)[3])to, SAME_PLACE * spread[2], 1, 1
+            n, (const double(*)[3])from, (const double(*)[3])to, SAME_PLACE * spread[2], 1, 1, NULL
         };
         *same = cn_pose_fit_similarity(&task, &s, near) == CN_OK &&
                 cn_similarity_count(near, n) >= ENOUGH * fmax(a->n_views, b->n_views);

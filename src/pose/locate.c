@@ -293,9 +293,10 @@ static cn_status fit_pairs(const search *s, pairs *p, const cn_scene *rest, cn_s
             landmarks(p->theirs[i], from, p->source + 3 * (size_t)i);
             landmarks(p->ours[i], to, p->target + 3 * (size_t)i);
         }
-        status = cn_pose_fit_similarity(&(cn_similarity_task){ 3 * p->n, (const double(*)[3])p->source,
-                                                               (const double(*)[3])p->target, FIT_WITHIN * to, 1, 1 },
-                                        &similarity, NULL);
+        status =
+            cn_pose_fit_similarity(&(cn_similarity_task){ 3 * p->n, (const double(*)[3])p->source,
+                                                          (const double(*)[3])p->target, FIT_WITHIN * to, 1, 1, NULL },
+                                   &similarity, NULL);
     }
     if (status == CN_ERR_DATA)
         return cn_fail(CN_ERR_DATA, "photo %s: COLMAP's poses of the collection do not agree with those of the city",

@@ -137,7 +137,7 @@ static cn_status tie(placing *p, const cn_group_link *link)
     if (status == CN_OK) {
         const uint32_t n = gather(p, link, source, target);
         const cn_similarity_task task = {
-            n, (const double(*)[3])source, (const double(*)[3])target, ERROR_SHARE * p->depth[link->b], 1.0, SEED
+            n, (const double(*)[3])source, (const double(*)[3])target, ERROR_SHARE * p->depth[link->b], 1.0, SEED, NULL
         };
         status = cn_pose_fit_similarity(&task, &t.b_from_a, inlier);
         double square = 0.0;

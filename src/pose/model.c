@@ -16,12 +16,17 @@ static bool has(const char *dir, const char *name)
     return there;
 }
 
+bool cn_model_is_binary(const char *dir)
+{
+    return has(dir, "cameras.bin") || has(dir, "images.bin");
+}
+
 cn_status cn_scene_read_colmap(cn_scene *scene, const char *dir)
 {
     cn_raw_model raw = { 0 };
     cn_status status;
     memset(scene, 0, sizeof *scene);
-    if (has(dir, "cameras.bin") || has(dir, "images.bin"))
+    if (cn_model_is_binary(dir))
         status = cn_raw_read_binary(&raw, dir);
     else if (has(dir, "cameras.txt") || has(dir, "images.txt"))
         status = cn_raw_read_text(&raw, dir);

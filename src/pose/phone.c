@@ -4,9 +4,9 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "math/linalg.h"
+#include "pose/import_files.h"
 #include "pose/importer.h"
 
-#include <dirent.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -62,41 +62,32 @@ static cn_status read_keyframe(cn_importer *to, const json_t *root, const char *
     return add(to, photo, m, &camera);
 }
 
-static cn_status read_file(cn_importer *to, const char *name)
+static cn_status read_file(cn_importer *to, const char *file)
 {
     json_t *root = NULL;
     int64_t photo;
-    char *file = cn_path_join(to->path, name), *stem = strdup(name);
-    cn_status status = file && stem ? CN_OK : cn_fail(CN_ERR_NOMEM, "%s: out of memory", to->path);
-    if (status == CN_OK) {
-        *strrchr(stem, '.') = '\0';
-        cn_importer_find(to, stem, &photo);
-        if (photo >= 0) status = cn_json_load(file, &root);
-        if (status == CN_OK && photo >= 0) status = read_keyframe(to, root, file, photo);
-    }
+    char *stem = strdup(cn_path_base(file));
+    if (!stem) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", to->path);
+    cn_status status = CN_OK;
+    *strrchr(stem, '.') = '\0';
+    cn_importer_find(to, stem, &photo);
+    if (photo >= 0) status = cn_json_load(file, &root);
+    if (status == CN_OK && photo >= 0) status = read_keyframe(to, root, file, photo);
     json_decref(root);
-    free(file);
     free(stem);
     return status;
 }
 
-static int is_json(const struct dirent *entry)
-{
-    const char *dot = strrchr(entry->d_name, '.');
-    return dot && dot != entry->d_name && strcmp(dot, ".json") == 0;
-}
-
 cn_status cn_import_polycam(cn_importer *to)
 {
-    struct dirent **entries = NULL;
-    const int n = scandir(to->path, &entries, is_json, alphasort);
-    cn_status status =
-        n > 0 ? cn_importer_room(to, (size_t)n) : cn_fail(CN_ERR_DATA, "%s: it has no .json file of a photo", to->path);
-    for (int i = 0; i < n; i++) {
-        if (status == CN_OK) status = read_file(to, entries[i]->d_name);
-        free(entries[i]);
-    }
-    free(entries);
+    cn_import_files files = { 0 };
+    cn_status status = cn_import_files_add_json(&files, to->path);
+    if (status == CN_OK)
+        status = files.n ? cn_importer_room(to, files.n)
+                         : cn_fail(CN_ERR_DATA, "%s: it has no .json file of a photo", to->path);
+    for (uint32_t i = 0; i < files.n && status == CN_OK; i++)
+        status = read_file(to, files.paths[i]);
+    cn_import_files_deinit(&files);
     return status;
 }
 

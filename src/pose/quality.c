@@ -1,7 +1,7 @@
 #include "pose/quality.h"
 
-#include "math/linalg.h"
 #include "pose/lens.h"
+#include "pose/scene.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -65,14 +65,9 @@ static void measure_errors(cn_quality *q)
     for (uint32_t i = 0; i < scene->n_points; i++)
         for (uint32_t k = 0; k < scene->points[i].n_observations; k++) {
             const cn_observation *o = &scene->observations[(uint64_t)scene->points[i].first_observation + k];
-            const cn_view *view = &scene->views[o->view];
             cn_view_quality *v = &q->views[o->view];
-            double cam[3], xy[2];
-            cn_mat3_vec(view->rotation, scene->points[i].xyz, cam);
-            for (int j = 0; j < 3; j++)
-                cam[j] += view->translation[j];
-            if (!cn_camera_project(&scene->cameras[view->camera], cam, xy)) continue;
-            const double error_px = hypot(xy[0] - o->x_px, xy[1] - o->y_px);
+            double error_px;
+            if (!cn_scene_error(scene, &scene->points[i], o, &error_px)) continue;
             const double bin = error_px / CN_QUALITY_MOST_PX * CN_QUALITY_BINS;
             q->histogram[bin < CN_QUALITY_BINS ? (int)bin : CN_QUALITY_BINS - 1]++;
             v->error_px = ((v->n_seen ? v->error_px * v->n_seen : 0.0) + error_px) / (v->n_seen + 1.0);

@@ -1,7 +1,6 @@
 /* The poses stage. */
 #include "base/file.h"
 #include "base/json.h"
-#include "pose/colmap.h"
 #include "pose/control_fit.h"
 #include "pose/from_photos.h"
 #include "pose/grouped.h"
@@ -18,7 +17,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #define POSES_VERSION 1
 #define NAMED_AT_MOST 10
@@ -59,71 +57,26 @@ static cn_status check_cameras(const cn_scene *scene, const char *where)
     return CN_OK;
 }
 
-static cn_status import_model(const cn_context *ctx, const cn_photo_index *index, const char *path, cn_scene *scene,
-                              uint32_t *n_models)
+static cn_status import_model(const cn_context *ctx, const cn_photo_index *index, const char *model, cn_scene *scene)
 {
-    char *model = NULL;
-    CN_TRY(cn_colmap_find_model(path, &model, n_models));
-    cn_status status = cn_scene_read_colmap(scene, model ? model : path);
-    if (status == CN_OK) status = check_cameras(scene, model ? model : path);
-    if (status == CN_OK) status = cn_pose_tie(ctx, scene, index, true, model ? model : path);
-    free(model);
+    cn_status status = cn_scene_read_colmap(scene, model);
+    if (status == CN_OK) status = check_cameras(scene, model);
+    if (status == CN_OK) status = cn_pose_tie(ctx, scene, index, true, model);
     return status;
-}
-
-/* The file of poses in the folder of another tool's project; NULL: none. Caller frees. */
-static char *find_file(const char *folder)
-{
-    static const char *const NAMES[] = { "reconstruction.json",
-                                         "opensfm/reconstruction.json",
-                                         "transforms.json",
-                                         "bundle.out",
-                                         "bundle/bundle.out",
-                                         "cameras.xml",
-                                         "metadata",
-                                         "metadata.json",
-                                         "EXR_RGBD/metadata" };
-    for (size_t i = 0; i < sizeof NAMES / sizeof *NAMES; i++) {
-        char *path = cn_path_join(folder, NAMES[i]);
-        if (path && cn_file_exists(path)) return path;
-        free(path);
-    }
-    return NULL;
-}
-
-/* The folder with the poses of a Polycam export, those that its own adjustment corrected first; NULL: none. Caller
- * frees. */
-static char *find_keyframes(const char *folder)
-{
-    static const char *const NAMES[] = { "keyframes/corrected_cameras", "corrected_cameras", "keyframes/cameras",
-                                         "cameras" };
-    for (size_t i = 0; i < sizeof NAMES / sizeof *NAMES; i++) {
-        struct stat info;
-        char *path = cn_path_join(folder, NAMES[i]);
-        if (path && stat(path, &info) == 0 && S_ISDIR(info.st_mode)) return path;
-        free(path);
-    }
-    return NULL;
 }
 
 static cn_status import_poses(const cn_context *ctx, const cn_photo_index *index, const char *path, cn_scene *scene,
                               uint32_t *n_models, cn_import_origin *origin)
 {
-    struct stat info;
-    if (stat(path, &info) != 0) return cn_fail(CN_ERR_IO, "poses.import: %s is not there; give " CN_IMPORT_NAMES, path);
-    if (!S_ISDIR(info.st_mode)) return cn_import_file(ctx, path, index, scene, n_models, origin);
-    char *model = NULL, *file = NULL, *keyframes = NULL;
-    CN_TRY(cn_colmap_find_model(path, &model, n_models));
-    if (!model) file = find_file(path);
-    if (!model && !file) keyframes = find_keyframes(path);
-    *n_models = keyframes ? 1 : *n_models;
-    origin->arbitrary_axes = model != NULL;
-    free(model);
-    const cn_status status = file        ? cn_import_file(ctx, file, index, scene, n_models, origin)
-                             : keyframes ? cn_import_folder(ctx, keyframes, index, scene)
-                                         : import_model(ctx, index, path, scene, n_models);
-    free(file);
-    free(keyframes);
+    cn_import_source source;
+    CN_TRY(cn_import_find(path, &source));
+    *n_models = source.keyframes ? 1 : source.n_models;
+    origin->arbitrary_axes = source.model != NULL;
+    /* Where nothing was found, the reader of COLMAP models says what is missing. */
+    const cn_status status = source.file        ? cn_import_file(ctx, source.file, index, scene, n_models, origin)
+                             : source.keyframes ? cn_import_folder(ctx, source.keyframes, index, scene)
+                                                : import_model(ctx, index, source.model ? source.model : path, scene);
+    cn_import_source_deinit(&source);
     return status;
 }
 

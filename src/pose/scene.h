@@ -33,6 +33,8 @@ CN_NODISCARD cn_status cn_scene_from_raw(cn_scene *scene, cn_raw_model *raw, con
 /* The two readers. `scene` files are DIR/{cameras,images,points3D}.{bin,txt}. */
 CN_NODISCARD cn_status cn_raw_read_binary(cn_raw_model *raw, const char *dir);
 CN_NODISCARD cn_status cn_raw_read_text(cn_raw_model *raw, const char *dir);
+/* Whether a COLMAP model folder is read from its .bin files, not from its .txt files. */
+bool cn_model_is_binary(const char *dir);
 /* Number of registered photos of the model in DIR; 0 when there is none. */
 uint32_t cn_model_photos(const char *dir);
 

@@ -200,6 +200,11 @@ typedef struct model {
     uint32_t size; /* pairs that it needs */
 } model;
 
+static bool has_height(const cn_similarity_task *task, uint32_t i)
+{
+    return !task->has_height || task->has_height[i];
+}
+
 /* Marks inliers; returns the sum of squared errors, each clamped at the threshold. */
 static double score(const cn_similarity_task *task, const cn_similarity *s, bool *inlier)
 {
@@ -208,7 +213,8 @@ static double score(const cn_similarity_task *task, const cn_similarity *s, bool
         double at[3];
         cn_similarity_apply(s, task->source[i], at);
         double dx = at[0] - task->target[i][0], dy = at[1] - task->target[i][1];
-        double dz = task->vertical_weight * (at[2] - task->target[i][2]), square = dx * dx + dy * dy + dz * dz;
+        double dz = has_height(task, i) ? task->vertical_weight * (at[2] - task->target[i][2]) : 0.0;
+        double square = dx * dx + dy * dy + dz * dz;
         inlier[i] = square <= limit;
         sum += inlier[i] ? square : limit;
     }
@@ -223,27 +229,65 @@ uint32_t cn_similarity_count(const bool *inlier, uint32_t n)
     return sum;
 }
 
+/* Hypotheses are made by pairs with a height alone. */
+static void choose_all(const cn_similarity_task *task, bool *chosen)
+{
+    for (uint32_t i = 0; i < task->n; i++)
+        chosen[i] = has_height(task, i);
+}
+
 static void draw(const cn_similarity_task *task, uint64_t trial, uint32_t size, bool *chosen)
 {
     memset(chosen, false, task->n);
     for (uint64_t i = 0, taken = 0; taken < size; i++) {
         uint32_t pick = cn_rng_below(task->seed, trial, i, task->n);
+        if (!has_height(task, pick)) continue;
         taken += !chosen[pick];
         chosen[pick] = true;
     }
 }
 
-/* The first hypothesis is all pairs, so clean data always works. inlier and trial_inlier have room for n. */
-static cn_status ransac(const cn_similarity_task *task, const model *m, cn_similarity *best, bool *inlier,
-                        bool *trial_inlier)
+/* Room for n pairs. target: a copy, in which heights that are not known are those of the fit. */
+typedef struct workspace {
+    bool *inlier, *trial_inlier;
+    double (*target)[3];
+} workspace;
+
+/* Fits to the inliers as long as the error becomes less. A pair without height counts by its place: its height is that
+ * which the last fit gives it. */
+static void refit(const cn_similarity_task *task, const model *m, double least, const workspace *room,
+                  cn_similarity *best)
+{
+    cn_similarity_task filled = *task;
+    cn_similarity s;
+    if (task->has_height) filled.target = (const double(*)[3])room->target;
+    for (int k = 0; k < MAX_REFITS; k++) {
+        for (uint32_t i = 0; i < task->n && task->has_height; i++) {
+            double at[3];
+            if (task->has_height[i]) continue;
+            cn_similarity_apply(best, task->source[i], at);
+            room->target[i][2] = at[2];
+        }
+        if (!m->fit(&filled, room->inlier, m->extra, &s)) break;
+        const double sum = score(task, &s, room->trial_inlier);
+        if (!(sum < least)) break;
+        least = sum;
+        *best = s;
+        memcpy(room->inlier, room->trial_inlier, task->n);
+    }
+}
+
+/* The first hypothesis is all pairs, so clean data always works. */
+static cn_status ransac(const cn_similarity_task *task, const model *m, const workspace *room, cn_similarity *best)
 {
     double least = INFINITY, needed = MAX_TRIALS;
+    bool *inlier = room->inlier, *trial_inlier = room->trial_inlier;
     cn_similarity s;
     for (uint32_t trial = 0; trial <= MAX_TRIALS && trial <= needed; trial++) {
         if (trial)
             draw(task, trial, m->size, trial_inlier);
         else
-            memset(trial_inlier, true, task->n);
+            choose_all(task, trial_inlier);
         if (!m->fit(task, trial_inlier, m->extra, &s)) continue;
         double sum = score(task, &s, trial_inlier);
         if (!(sum < least)) continue;
@@ -254,14 +298,7 @@ static cn_status ransac(const cn_similarity_task *task, const model *m, cn_simil
         needed = share >= 1.0 ? 0.0 : log(1e-6) / log1p(-share);
     }
     if (!isfinite(least)) return cn_fail(CN_ERR_DATA, "the points lie on a line or at one place");
-    for (int i = 0; i < MAX_REFITS; i++) {
-        if (!m->fit(task, inlier, m->extra, &s)) break;
-        double sum = score(task, &s, trial_inlier);
-        if (!(sum < least)) break;
-        least = sum;
-        *best = s;
-        memcpy(inlier, trial_inlier, task->n);
-    }
+    refit(task, m, least, room, best);
     return CN_OK;
 }
 
@@ -271,14 +308,20 @@ static cn_status fit_robust(const cn_similarity_task *task, const model *m, cn_s
         for (int k = 0; k < 3; k++)
             if (!isfinite(task->source[i][k]) || !isfinite(task->target[i][k]))
                 return cn_fail(CN_ERR_DATA, "point pair %u is not finite", i);
-    bool *scratch = calloc(task->n + (size_t)1, 2);
-    if (!scratch) return cn_fail(CN_ERR_NOMEM, "out of memory aligning %u points", task->n);
-    bool *marks = scratch + task->n;
-    cn_status status = ransac(task, m, out, marks, scratch);
-    if (status == CN_OK && cn_similarity_count(marks, task->n) < m->size)
+    if (task->has_height && cn_similarity_count(task->has_height, task->n) < m->size)
+        return cn_fail(CN_ERR_DATA, "fewer than %u of %u points have a height", m->size, task->n);
+    const size_t n = task->n + (size_t)1;
+    const workspace room = { calloc(n, sizeof(bool)), calloc(n, sizeof(bool)), malloc(n * sizeof *room.target) };
+    const bool good = room.inlier && room.trial_inlier && room.target;
+    if (good) memcpy(room.target, task->target, task->n * sizeof *room.target);
+    cn_status status =
+        good ? ransac(task, m, &room, out) : cn_fail(CN_ERR_NOMEM, "out of memory aligning %u points", task->n);
+    if (status == CN_OK && cn_similarity_count(room.inlier, task->n) < m->size)
         status = cn_fail(CN_ERR_DATA, "no %u of %u points agree within %g m", m->size, task->n, task->max_error_m);
-    if (status == CN_OK && inlier) memcpy(inlier, marks, task->n);
-    free(scratch);
+    if (status == CN_OK && inlier) memcpy(inlier, room.inlier, task->n);
+    free(room.inlier);
+    free(room.trial_inlier);
+    free(room.target);
     return status;
 }
 

@@ -6,6 +6,7 @@
 #include "base/json.h"
 #include "conurb/colour.h"
 #include "effect/effect.h"
+#include "pose/import.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -17,40 +18,27 @@ static void add_hash(cn_fingerprint *fingerprint, const char *name, uint64_t has
     cn_fingerprint_add(fingerprint, name, "%016" PRIx64, hash);
 }
 
-/* x.bundle.out has the names of its photos in x.list.txt. */
-static cn_status hash_photo_list(const char *import, uint64_t *hash)
-{
-    static const char ending[] = "bundle.out";
-    const size_t n = strlen(import), m = sizeof ending - 1;
-    uint64_t one;
-    if (n < m || strcmp(import + n - m, ending) != 0) return CN_OK;
-    char *list = cn_format("%.*slist.txt", (int)(n - m), import);
-    if (!list) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (cn_file_exists(list) && cn_hash_file(list, &one) == CN_OK) *hash = cn_hash_text(*hash, "%016" PRIx64, one);
-    free(list);
-    return CN_OK;
-}
-
-/* Hash of a transforms.json, or of the files of a COLMAP model. A file that cannot be read is reported later, by the
- * import. */
+/* Hash of the files that the poses are read from. A file that cannot be read is reported later, by the import. */
 static cn_status hash_import(const char *import, uint64_t *hash)
 {
-    static const char *const files[] = {
-        "cameras.bin",     "images.bin",   "points3D.bin",        "cameras.txt",
-        "images.txt",      "points3D.txt", "reconstruction.json", "opensfm/reconstruction.json",
-        "transforms.json", "bundle.out",   "bundle/bundle.out",   "list.txt"
-    };
-    uint64_t one;
+    const size_t length = strlen(import);
+    cn_import_files files;
     *hash = 0;
-    if (cn_hash_file(import, &one) == CN_OK) *hash = one;
-    CN_TRY(hash_photo_list(import, hash));
-    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-        char *path = cn_path_join(import, files[i]);
-        if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-        if (cn_file_exists(path) && cn_hash_file(path, &one) == CN_OK)
-            *hash = cn_hash_text(*hash, "%s %016" PRIx64, files[i], one);
-        free(path);
+    const cn_status found = cn_import_list(import, &files);
+    if (found != CN_OK) return found == CN_ERR_NOMEM ? found : CN_OK;
+    for (uint32_t i = 0; i < files.n; i++) {
+        const char *path = files.paths[i];
+        const bool below = strncmp(path, import, length) == 0 && path[length] == '/';
+        uint64_t one;
+        if (!cn_file_exists(path) || cn_hash_file(path, &one) != CN_OK) continue;
+        if (strcmp(path, import) == 0)
+            *hash = one;
+        else if (below)
+            *hash = cn_hash_text(*hash, "%s %016" PRIx64, path + length + 1, one);
+        else
+            *hash = cn_hash_text(*hash, "%016" PRIx64, one);
     }
+    cn_import_files_deinit(&files);
     return CN_OK;
 }
 
@@ -157,19 +145,24 @@ static cn_status add_map(const cn_photo *photo, const char *map, uint64_t *hash)
     return CN_OK;
 }
 
+static cn_status load_photos(const cn_city *city, cn_photo_index *index)
+{
+    char *path = cn_city_path(city, "photos.json");
+    const cn_status status = path ? cn_photo_index_load(index, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    return status;
+}
+
 /* Hashes of the depth maps and of the normal maps, and of how they are read. */
 static cn_status hash_maps(const cn_city *city, uint64_t *depth, uint64_t *normal)
 {
     const cn_photo_maps *maps = &city->config.maps;
     cn_photo_index index;
     uint32_t n;
-    char *path = cn_city_path(city, "photos.json");
-    cn_status status = path ? cn_photo_index_load(&index, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    free(path);
-    CN_TRY(status);
+    CN_TRY(load_photos(city, &index));
     *depth = cn_hash_text(0, "%d %d", (int)maps->kind, (int)maps->along);
     *normal = cn_hash_text(0, "%d", (int)maps->normal_axes);
-    status = cn_photo_index_find_maps(&index, maps, &n);
+    cn_status status = cn_photo_index_find_maps(&index, maps, &n);
     for (uint32_t i = 0; i < index.n_photos && status == CN_OK; i++) {
         const cn_photo *photo = &index.photos[i];
         status = add_map(photo, photo->depth, depth);
@@ -177,6 +170,41 @@ static cn_status hash_maps(const cn_city *city, uint64_t *depth, uint64_t *norma
     }
     cn_photo_index_deinit(&index);
     return status;
+}
+
+/* Hash of the masks' bytes; 0 where no photo has a mask. One that cannot be read is reported later, when the photos are
+ * read. */
+static cn_status hash_masks(const cn_city *city, uint64_t *hash)
+{
+    cn_photo_index index;
+    CN_TRY(load_photos(city, &index));
+    cn_status status = CN_OK;
+    *hash = 0;
+    for (uint32_t i = 0; i < index.n_photos && status == CN_OK; i++) {
+        uint64_t one = 0;
+        if (!index.photos[i].mask) continue;
+        char *mask = cn_path_join(index.folder, index.photos[i].mask);
+        if (!mask) status = cn_fail(CN_ERR_NOMEM, "out of memory");
+        if (mask && cn_hash_file(mask, &one) != CN_OK) one = 0;
+        *hash = cn_hash_text(*hash, "%s %016" PRIx64, index.photos[i].name, one);
+        free(mask);
+    }
+    cn_photo_index_deinit(&index);
+    return status;
+}
+
+static cn_status add_masks_and_maps(const cn_city *city, cn_stage *stage)
+{
+    const cn_photo_maps *maps = &city->config.maps;
+    uint64_t masks, depth, normal;
+    CN_TRY(hash_masks(city, &masks));
+    /* Without masks nothing is added, so that older records hold. */
+    if (masks) add_hash(&stage->parent, "the masks", masks);
+    if (!maps->depth && !maps->normal) return CN_OK;
+    CN_TRY(hash_maps(city, &depth, &normal));
+    if (maps->depth) add_hash(&stage->parent, "the depth maps", depth);
+    if (maps->normal) add_hash(&stage->parent, "the normal maps", normal);
+    return CN_OK;
 }
 
 cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
@@ -221,13 +249,7 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
             return cn_fail(CN_ERR_DATA, "%s has no poses yet; run `conurb poses %s` first", city->folder, city->folder);
         add_hash(&stage->parent, parents[i].name, hash);
     }
-    if (c->maps.depth || c->maps.normal) {
-        uint64_t depth, normal;
-        CN_TRY(hash_maps(city, &depth, &normal));
-        if (c->maps.depth) add_hash(&stage->parent, "the depth maps", depth);
-        if (c->maps.normal) add_hash(&stage->parent, "the normal maps", normal);
-    }
-    return CN_OK;
+    return add_masks_and_maps(city, stage);
 }
 
 /* The teacher as it is named, and its file. */

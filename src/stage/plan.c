@@ -7,6 +7,7 @@
 
 #include "base/file.h"
 #include "base/number.h"
+#include "photo/store.h"
 #include "record/record.h"
 
 #include <math.h>
@@ -108,20 +109,34 @@ static cn_status make_plan(const cn_context *ctx, cn_city *city, cn_dataset *m, 
     return status;
 }
 
-/* Check the store even when the plan is done: a stopped run may have left it at another width. */
-static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_dataset *m)
+static cn_status show_plan(const cn_context *ctx, const cn_city *city, cn_dataset *m)
 {
-    char *pixels = cn_city_path(city, "pixels.bin"), *dir = cn_city_path(city, "plan");
-    cn_status status = pixels && dir ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels);
-    if (status == CN_OK) status = cn_plan_load(&m->plan, &m->scene, dir);
+    char *dir = cn_city_path(city, "plan");
+    const cn_status status = dir ? cn_plan_load(&m->plan, &m->scene, dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) {
-        cn_city_lock_tidy(city, "plan");
         cn_log(ctx, CN_LOG_INFO, "the plan is done");
         print_plan(ctx, &city->config.train, &m->plan, m);
     }
-    free(pixels);
     free(dir);
+    return status;
+}
+
+/* Needs the plan's lock: two processes that build the store would write one file. */
+static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_dataset *m)
+{
+    char *pixels = cn_city_path(city, "pixels.bin");
+    const cn_status status = pixels ? cn_pixel_store_build(ctx, &m->photos, city->config.width_px, pixels)
+                                    : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(pixels);
+    return status == CN_OK ? show_plan(ctx, city, m) : status;
+}
+
+static cn_status is_built(const cn_city *city, const cn_dataset *m, bool *built)
+{
+    char *pixels = cn_city_path(city, "pixels.bin");
+    const cn_status status = pixels ? cn_pixel_store_is_done(&m->photos, city->config.width_px, pixels, built)
+                                    : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(pixels);
     return status;
 }
 
@@ -160,11 +175,15 @@ cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run, bool 
     cn_stage stage;
     cn_dataset m;
     CN_TRY(cn_stage_plan(city, &stage));
-    const bool done = !dry_run && cn_stage_done(city, &stage, NULL);
+    bool done = !dry_run && cn_stage_done(city, &stage, NULL);
     CN_TRY(cn_dataset_load(ctx, city, false, &m));
-    const cn_status status = dry_run ? make_plan(ctx, city, &m, true, forecast)
-                             : done  ? use_plan(ctx, city, &m)
-                                     : plan_alone(ctx, city, &stage, &m);
+    /* Check the store even when the plan is done: a stopped run may have left it at another width. */
+    cn_status status = done ? is_built(city, &m, &done) : CN_OK;
+    if (status == CN_OK)
+        status = dry_run ? make_plan(ctx, city, &m, true, forecast)
+                 : done  ? show_plan(ctx, city, &m)
+                         : plan_alone(ctx, city, &stage, &m);
+    if (status == CN_OK && done) cn_city_lock_tidy(city, "plan");
     cn_dataset_deinit(&m);
     return status == CN_OK && forecast && !dry_run ? forecast_saved(ctx, city) : status;
 }

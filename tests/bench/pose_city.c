@@ -354,7 +354,9 @@ pose_city_error pose_city_compare(const pose_city *city, const cn_scene *scene, 
         square += off * off;
         e.most_m = fmax(e.most_m, off);
     }
-    const cn_similarity_task task = { scene->n_views, (const double(*)[3])have, (const double(*)[3])want, 1e9, 1.0, 1 };
+    const cn_similarity_task task = {
+        scene->n_views, (const double(*)[3])have, (const double(*)[3])want, 1e9, 1.0, 1, NULL
+    };
     cn_similarity s;
     must(cn_pose_fit_similarity(&task, &s, NULL));
     for (uint32_t i = 0; i < scene->n_views; i++) {

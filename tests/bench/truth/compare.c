@@ -324,7 +324,8 @@ static cn_status pose_error(const cn_scene *truth, const cn_scene *found, const 
         cn_view_centre(&found->views[i], from[n]);
         cn_view_centre(&truth->views[i], to[n++]);
     }
-    const cn_status status = cn_pose_fit_similarity(&(cn_similarity_task){ n, from, to, 1, 1, 1 }, &similarity, NULL);
+    const cn_status status =
+        cn_pose_fit_similarity(&(cn_similarity_task){ n, from, to, 1, 1, 1, NULL }, &similarity, NULL);
     *turn_deg = *move_m = 0;
     for (uint32_t i = 0, k = 0; status == CN_OK && i < found->n_views; i++) {
         if (!use[i]) continue;

@@ -218,6 +218,72 @@ static void truncated_files_are_refused(void **state)
     }
 }
 
+/* Writes the file anew with `more` extraneous bytes before its end, and the last three bytes of its SOS header, which
+ * a sequential JPEG has as 0, 63, 0, all zero where `zeroed`. */
+static void spoil(const char *name, const char *to, bool zeroed, size_t more)
+{
+    char *data, source[128];
+    size_t size, i = 2;
+    snprintf(source, sizeof source, "%s", file(name));
+    assert_int_equal(cn_file_read(source, 0, &data, &size), CN_OK);
+    while (i + 10 < size && !((unsigned char)data[i] == 0xff && (unsigned char)data[i + 1] == 0xda))
+        i++;
+    const size_t last = i + 1 + (unsigned char)data[i + 3];
+    assert_int_equal(data[last - 1], 63);
+    if (zeroed) memset(data + last - 2, 0, 3);
+    char *spoilt = calloc(size + more, 1);
+    memcpy(spoilt, data, size - 2);
+    memcpy(spoilt + size - 2 + more, data + size - 2, 2);
+    assert_int_equal(cn_file_write(file(to), spoilt, size + more), CN_OK);
+    free(spoilt);
+    free(data);
+}
+
+/* Phones and panorama cameras write JPEGs that libjpeg warns of, and decodes completely. */
+static void a_jpeg_with_warnings_is_read(void **state)
+{
+    (void)state;
+    float *want, *got;
+    uint32_t w, h;
+    assert_int_equal(cn_oiio_write_jpeg(file("good.jpg"), rgb, W, H, NULL), CN_OK);
+    assert_int_equal(cn_oiio_read_rgba(file("good.jpg"), &want, &w, &h), CN_OK);
+    for (int i = 0; i < 2; i++) {
+        spoil("good.jpg", "warned.jpg", i == 0, i == 1 ? 7 : 0);
+        assert_int_equal(cn_oiio_check(file("warned.jpg"), &w, &h), CN_OK);
+        assert_int_equal(cn_oiio_read_rgba(file("warned.jpg"), &got, &w, &h), CN_OK);
+        assert_memory_equal(got, want, sizeof *got * 4 * W * H);
+        free(got);
+        /* libjpeg passes on its first warning only, and not that the file ends too early. */
+        cut("warned.jpg", "cut.jpg", 0.9);
+        assert_int_equal(cn_oiio_check(file("cut.jpg"), &w, &h), CN_ERR_FORMAT);
+        assert_non_null(strstr(cn_error_message(), "cut.jpg"));
+    }
+    free(want);
+}
+
+/* Bytes of the picture that are lost: no code, or the end of the picture, comes too early. */
+static void a_jpeg_with_lost_bytes_is_refused(void **state)
+{
+    (void)state;
+    char *data, *broken;
+    size_t size;
+    uint32_t w, h;
+    assert_int_equal(cn_oiio_write_jpeg(file("good.jpg"), rgb, W, H, NULL), CN_OK);
+    assert_int_equal(cn_file_read(file("good.jpg"), 0, &data, &size), CN_OK);
+    broken = malloc(size);
+    memcpy(broken, data, size);
+    for (size_t i = size / 10 * 9; i < size - 20; i += 2) /* stuffed bytes: ones, which are no code */
+        memcpy(broken + i, "\xff\x00", 2);
+    assert_int_equal(cn_file_write(file("code.jpg"), broken, size), CN_OK);
+    assert_int_equal(cn_oiio_check(file("code.jpg"), &w, &h), CN_ERR_FORMAT);
+    memcpy(broken, data, size);
+    memcpy(broken + size / 10 * 9, "\xff\xd9", 2);
+    assert_int_equal(cn_file_write(file("early.jpg"), broken, size), CN_OK);
+    assert_int_equal(cn_oiio_check(file("early.jpg"), &w, &h), CN_ERR_FORMAT);
+    free(broken);
+    free(data);
+}
+
 static void a_huge_claim_fails_before_it_takes_memory(void **state)
 {
     (void)state;
@@ -269,6 +335,8 @@ int main(void)
         cmocka_unit_test(exr_stays_within_half),
         cmocka_unit_test(all_orientations_are_applied),
         cmocka_unit_test(truncated_files_are_refused),
+        cmocka_unit_test(a_jpeg_with_warnings_is_read),
+        cmocka_unit_test(a_jpeg_with_lost_bytes_is_refused),
         cmocka_unit_test(a_huge_claim_fails_before_it_takes_memory),
         cmocka_unit_test(what_is_no_picture_is_named),
         cmocka_unit_test(failed_writes_are_said),

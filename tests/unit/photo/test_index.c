@@ -65,6 +65,24 @@ static void photos_are_found_in_order_of_name(void **state)
     cn_photo_index_deinit(&index);
 }
 
+/* A city inside the folder of its photos: its renders are no photos. */
+static void a_city_among_the_photos_is_left_out(void **state)
+{
+    scratch *s = *state;
+    scratch_photo(s, "a.jpg", 1, NULL);
+    scratch_photo(s, "town/eval/a.jpg.png", 2, NULL);
+    scratch_photo(s, "town/renders/flight/00000.png", 3, NULL);
+    scratch_photo(s, "square/b.jpg", 4, NULL);
+    assert_int_equal(cn_file_write(scratch_path(s, "town/city.yaml"), "x", 1), CN_OK);
+    cn_photo_index index = scan(s);
+    assert_int_equal(index.n_photos, 2);
+    assert_int_equal(index.n_rejects, 0);
+    assert_string_equal(index.photos[0].name, "a.jpg");
+    assert_string_equal(index.photos[1].name, "square/b.jpg");
+    assert_non_null(strstr(s->logged, "left out town: the folder of a city"));
+    cn_photo_index_deinit(&index);
+}
+
 /* 2 x 2 pixels, 24 bits. */
 static void write_bmp(scratch *s, const char *name)
 {
@@ -380,6 +398,7 @@ static void files_that_are_no_index_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        TEST(a_city_among_the_photos_is_left_out),
         TEST(further_types_are_read_and_others_are_named),
         TEST(photos_are_found_in_order_of_name),
         TEST(further_types_are_read_and_others_are_named),

@@ -22,8 +22,9 @@ static void test_similarity_with_outliers(void **state)
             target[i][k] = SCALE * target[i][k] + SHIFT[k];
         if (i % 3 == 0) target[i][i % 2] += 60.0 + i;
     }
-    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, target, 1.0, 1, 9 }, &similarity, inlier),
-                     CN_OK);
+    assert_int_equal(
+        cn_pose_fit_similarity(&(cn_similarity_task){ N, source, target, 1.0, 1, 9, NULL }, &similarity, inlier),
+        CN_OK);
     assert_true(fabs(similarity.scale - SCALE) < 1e-9);
     for (int i = 0; i < 9; i++)
         assert_true(fabs(similarity.rotation[i] - r[i]) < 1e-9);
@@ -31,8 +32,8 @@ static void test_similarity_with_outliers(void **state)
         assert_true(fabs(similarity.translation[k] - SHIFT[k]) < 1e-8);
     for (int i = 0; i < N; i++)
         assert_int_equal(inlier[i], i % 3 != 0);
-    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, target, 1.0, 1, 9 }, &similarity, NULL),
-                     CN_OK);
+    assert_int_equal(
+        cn_pose_fit_similarity(&(cn_similarity_task){ N, source, target, 1.0, 1, 9, NULL }, &similarity, NULL), CN_OK);
 }
 
 static void test_similarity_refused(void **state)
@@ -45,19 +46,22 @@ static void test_similarity_refused(void **state)
             source[i][k] = uniform(3 * i + k);
             line[i][k] = i * (k + 1.0);
         }
-    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ 2, source, source, 1, 1, 1 }, &similarity, NULL),
+    assert_int_equal(
+        cn_pose_fit_similarity(&(cn_similarity_task){ 2, source, source, 1, 1, 1, NULL }, &similarity, NULL),
+        CN_ERR_DATA);
+    assert_int_equal(
+        cn_pose_fit_similarity(&(cn_similarity_task){ 0, source, source, 1, 1, 1, NULL }, &similarity, NULL),
+        CN_ERR_DATA);
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, line, line, 1, 1, 1, NULL }, &similarity, NULL),
                      CN_ERR_DATA);
-    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ 0, source, source, 1, 1, 1 }, &similarity, NULL),
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, line, 1, 1, 1, NULL }, &similarity, NULL),
                      CN_ERR_DATA);
-    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, line, line, 1, 1, 1 }, &similarity, NULL),
-                     CN_ERR_DATA);
-    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, line, 1, 1, 1 }, &similarity, NULL),
-                     CN_ERR_DATA);
-    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, place, place, 1, 1, 1 }, &similarity, NULL),
+    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, place, place, 1, 1, 1, NULL }, &similarity, NULL),
                      CN_ERR_DATA);
     source[3][1] = NAN;
-    assert_int_equal(cn_pose_fit_similarity(&(cn_similarity_task){ N, source, source, 1, 1, 1 }, &similarity, NULL),
-                     CN_ERR_DATA);
+    assert_int_equal(
+        cn_pose_fit_similarity(&(cn_similarity_task){ N, source, source, 1, 1, 1, NULL }, &similarity, NULL),
+        CN_ERR_DATA);
 }
 
 /* Camera centres where they were, up to the constant that the mean makes, and right side up. */
@@ -137,6 +141,35 @@ static double tilt_of(const city *c, view_kind kind, int i)
     return acos(fmin(fmax(kind == NADIR ? -r[8] : -r[5], -1), 1));
 }
 
+/* GPS on another continent, and an altitude that is nonsense, move neither the origin nor up. */
+static void test_gps_far_away(void **state)
+{
+    (void)state;
+    city c;
+    cn_frame frame;
+    double lowest_m = INFINITY, highest_m = -INFINITY;
+    make_city(&c, STREET, false, true);
+    for (int i = 0; i < N; i++) {
+        lowest_m = fmin(lowest_m, c.photos[i].altitude_m);
+        highest_m = fmax(highest_m, c.photos[i].altitude_m);
+    }
+    c.photos[3].latitude_deg = 40.7;
+    c.photos[3].longitude_deg = -74;
+    c.photos[7].altitude_m = 20000;
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
+    assert_int_equal(frame.n_inliers, N - 2);
+    assert_int_equal(frame.n_gps, N);
+    assert_true(fabs(frame.latitude_deg - 10) < 0.001);
+    assert_true(fabs(fabs(frame.longitude_deg) - 180) < 0.001);
+    const double above_sea_m = frame.height_m - frame.geoid_height_m;
+    assert_true(above_sea_m > lowest_m && above_sea_m < highest_m);
+    assert_true(frame.residual_vertical_m < 0.02);
+    for (int i = 0; i < N; i++)
+        assert_true(tilt_of(&c, STREET, i) < 0.001);
+    check_aligned(&c, 0.05);
+    cn_scene_deinit(&c.scene);
+}
+
 /* A flight whose GPS is bad: heights rise by 110 m while the receiver warms up, and places are off by about 10 m. Those
  * of the photos whose errors fit a turned scene do not decide where up is. */
 static void test_gps_that_drifts(void **state)
@@ -144,7 +177,7 @@ static void test_gps_that_drifts(void **state)
     (void)state;
     city c;
     cn_frame frame;
-    double place_m = 0, centre[3], mean[3] = { 0 }, truth[3] = { 0 };
+    double place_m = 0, highest_m = 0, centre[3], mean[3] = { 0 }, truth[3] = { 0 };
     make_city(&c, NADIR, false, true);
     for (int i = 0; i < N; i++) {
         const double off[3] = { 10 * uniform(400 + i), 10 * uniform(500 + i), 110.0 * i / N };
@@ -152,9 +185,12 @@ static void test_gps_that_drifts(void **state)
         for (int k = 0; k < 3; k++)
             at[k] = c.truth[i][k] + off[k];
         place_photo(&c, i, at);
+        highest_m = fmax(highest_m, c.photos[i].altitude_m);
     }
+    c.photos[7].altitude_m = 20000;
     assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
     assert_true(frame.georeferenced);
+    assert_true(frame.height_m - frame.geoid_height_m < highest_m);
     assert_true(frame.n_inliers < 0.6 * N); /* the poses stay in doubt: import checks and attempts go by that */
     for (int i = 0; i < N; i++)
         assert_true(tilt_of(&c, NADIR, i) < 0.01);
@@ -292,6 +328,59 @@ static void test_no_altitude(void **state)
     cn_scene_deinit(&c.scene);
 }
 
+/* Photos without altitude count by their place, however few others have one: else these poses would be in doubt. */
+static void test_some_altitudes(void **state)
+{
+    (void)state;
+    city c;
+    cn_frame frame;
+    make_city(&c, STREET, false, true);
+    for (int i = 0; i < N; i++)
+        c.photos[i].has_altitude = i % 4 == 0;
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
+    assert_int_equal(frame.n_gps, N);
+    assert_int_equal(frame.n_inliers, N);
+    assert_true(frame.residual_vertical_m < 0.02);
+    check_aligned(&c, 0.05);
+    cn_scene_deinit(&c.scene);
+    make_city(&c, STREET, false, true);
+    for (int i = 0; i < N; i++)
+        c.photos[i].has_altitude = i % 4 == 0;
+    c.photos[5].latitude_deg += 0.002;
+    assert_int_equal(cn_align(NULL, &c.scene, &c.index, 5.0, CN_LEVEL_TILTED, &frame), CN_OK);
+    assert_int_equal(frame.n_inliers, N - 1);
+    check_aligned(&c, 0.05);
+    cn_scene_deinit(&c.scene);
+}
+
+/* A pair without height tells the place as any other: here those alone are exact. */
+static void test_pairs_without_height(void **state)
+{
+    (void)state;
+    double source[N][3], target[N][3], r[9];
+    cn_similarity similarity;
+    bool inlier[N], has_height[N];
+    cn_quat_to_mat3(QUATERNION, r);
+    for (int i = 0; i < N; i++) {
+        for (int k = 0; k < 3; k++)
+            source[i][k] = 10.0 * uniform(3 * i + k);
+        cn_mat3_vec(r, source[i], target[i]);
+        for (int k = 0; k < 3; k++)
+            target[i][k] = SCALE * target[i][k] + SHIFT[k];
+        has_height[i] = i % 4 == 0;
+        if (has_height[i]) target[i][0] += 0.5 * uniform(700 + i);
+        if (!has_height[i]) target[i][2] = 0;
+    }
+    const cn_similarity_task task = { N, source, target, 2.0, 1, 9, has_height };
+    assert_int_equal(cn_pose_fit_similarity(&task, &similarity, inlier), CN_OK);
+    assert_int_equal(cn_similarity_count(inlier, N), N);
+    assert_true(fabs(similarity.scale - SCALE) < 0.01);
+    assert_true(fabs(similarity.translation[0] - SHIFT[0]) < 0.1);
+    memset(has_height, 0, sizeof has_height);
+    has_height[3] = has_height[7] = true;
+    assert_int_equal(cn_pose_fit_similarity(&task, &similarity, NULL), CN_ERR_DATA);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -300,11 +389,14 @@ int main(void)
         cmocka_unit_test(test_area),
         cmocka_unit_test(test_lines),
         cmocka_unit_test(test_gps_outliers),
+        cmocka_unit_test(test_gps_far_away),
         cmocka_unit_test(test_gps_that_drifts),
         cmocka_unit_test(test_up_by_the_better),
         cmocka_unit_test(test_few_photos_held_askew),
         cmocka_unit_test(test_no_georeference),
         cmocka_unit_test(test_no_altitude),
+        cmocka_unit_test(test_some_altitudes),
+        cmocka_unit_test(test_pairs_without_height),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -221,7 +221,7 @@ static void compare(const cn_scene *s, double *far, double *turned_deg)
         cn_view_centre(&s->views[i], source[i]);
         cn_view_centre(&truth[i], target[i]);
     }
-    const cn_similarity_task task = { N, (const double(*)[3])source, (const double(*)[3])target, 1.0, 1.0, 1 };
+    const cn_similarity_task task = { N, (const double(*)[3])source, (const double(*)[3])target, 1.0, 1.0, 1, NULL };
     assert_int_equal(cn_pose_fit_similarity(&task, &fit, NULL), CN_OK);
     *far = *turned_deg = 0;
     for (uint32_t i = 0; i < N; i++) {

@@ -232,10 +232,31 @@ static void test_import(void **state)
     cn_quality_deinit(&q);
 }
 
+/* The left edge of a photo of all directions is its right edge too. */
+static void test_sphere(void **state)
+{
+    (void)state;
+    const cn_pose_options options = cn_pose_options_default();
+    const cn_scene scene = { &camera, 1, views, POSED, &point, 1, seen, 2 };
+    const cn_control_fit fit = { 0 };
+    cn_quality q = {
+        .index = &photo_index, .scene = &scene, .frame = &frame, .fit = &fit, .source = "x", .n_models = 1
+    };
+    const cn_quality_task task = { NULL, &options, NULL, NULL };
+    camera = (cn_camera){ 1, CN_LENS_EQUIRECTANGULAR, 2 * SIZE, SIZE, { 2 * SIZE, SIZE } };
+    point.xyz[2] = -5; /* behind the first camera: at the edge */
+    seen[0] = (cn_observation){ 0, 1, 32 };
+    seen[1] = (cn_observation){ 0, 2 * SIZE - 3, 32 };
+    assert_int_equal(cn_quality_measure(&task, &q), CN_OK);
+    assert_true(fabs(q.mean_error_px - 2) < 1e-6);
+    assert_true(fabs(q.views[0].error_px - 2) < 1e-6);
+    cn_quality_deinit(&q);
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_report), TEST(test_import) };
+    const struct CMUnitTest tests[] = { TEST(test_report), TEST(test_import), TEST(test_sphere) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

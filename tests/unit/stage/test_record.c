@@ -80,7 +80,7 @@ static void the_list_of_a_bundle_is_an_input(void **state)
     assert_non_null(mkdtemp(folder));
     snprintf(bundle, sizeof bundle, "%s/x.bundle.out", folder);
     snprintf(list, sizeof list, "%s/x.list.txt", folder);
-    assert_int_equal(cn_file_write(bundle, "1", 1), CN_OK);
+    assert_int_equal(cn_file_write(bundle, "# Bundle file v0.3", 18), CN_OK);
     assert_int_equal(cn_file_write(list, "a.jpg", 5), CN_OK);
     const cn_city city = { .folder = folder, .config = { .import = bundle } };
     assert_int_equal(cn_stage_poses(&city, &index, &before), CN_OK);
@@ -94,10 +94,135 @@ static void the_list_of_a_bundle_is_an_input(void **state)
     assert_int_equal(rmdir(folder), 0);
 }
 
+static void put(const char *folder, const char *name, const char *text)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    assert_int_equal(cn_folder_of_make(path), CN_OK);
+    assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
+}
+
+static uint64_t hash_of_import(const char *import)
+{
+    static cn_stage poses;
+    char folder[] = "/tmp", path[64];
+    const cn_photo_index index = { 0 };
+    snprintf(path, sizeof path, "%s", import);
+    const cn_city city = { .folder = folder, .config = { .import = path } };
+    assert_int_equal(cn_stage_poses(&city, &index, &poses), CN_OK);
+    return cn_stage_hash(&poses);
+}
+
+/* An import that is exported again is read again, wherever in its folder its files lie. */
+static void the_files_of_an_import_are_inputs(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *changed, *text, *beside;
+    } CASES[] = {
+        { "sparse/0/images.bin", "\1", "sparse/0/cameras.bin" },
+        { "cameras.xml", "<document>", NULL },
+        { "metadata", "{}", NULL },
+        { "EXR_RGBD/metadata", "{}", NULL },
+        { "keyframes/corrected_cameras/1.json", "{}", "keyframes/cameras/1.json" },
+        { "cameras/2.json", "{}", "cameras/1.json" },
+        { "list.txt", "a.jpg", "bundle/bundle.out" },
+        { "images.bin", "\1", "cameras.bin" },
+        { "opensfm/reconstruction.json", "[]", NULL },
+    };
+    for (size_t i = 0; i < sizeof CASES / sizeof *CASES; i++) {
+        const bool bundle = strcmp(CASES[i].changed, "list.txt") == 0;
+        char folder[] = "/tmp/conurb-record-XXXXXX", path[128];
+        assert_non_null(mkdtemp(folder));
+        char bytes[8] = { 1 };
+        snprintf(path, sizeof path, "%s/%s", folder, CASES[i].changed);
+        if (CASES[i].beside) put(folder, CASES[i].beside, bundle ? "# Bundle file v0.3" : "1");
+        put(folder, CASES[i].changed, CASES[i].text);
+        /* A model's images begin with their number. */
+        if (strstr(CASES[i].changed, "images.bin")) assert_int_equal(cn_file_write(path, bytes, sizeof bytes), CN_OK);
+        const uint64_t before = hash_of_import(folder);
+        assert_true(hash_of_import(folder) == before);
+        bytes[4] = 1;
+        assert_int_equal(cn_file_write(path, bytes, sizeof bytes), CN_OK);
+        assert_true(hash_of_import(folder) != before);
+        assert_int_equal(cn_folder_remove(folder), CN_OK);
+    }
+}
+
+static uint64_t hash_of_plan(const char *folder)
+{
+    static cn_stage plan;
+    char path[64];
+    snprintf(path, sizeof path, "%s", folder);
+    const cn_city city = { .folder = path };
+    assert_int_equal(cn_stage_plan(&city, &plan), CN_OK);
+    return cn_stage_hash(&plan);
+}
+
+/* A record of an import whose files lie in its folder itself, as an older Conurb wrote it, holds. */
+static void older_records_of_imports_hold(void **state)
+{
+    (void)state;
+    static const char *const NAMES[] = { "cameras.bin", "images.bin", "points3D.bin" };
+    static cn_stage poses;
+    char folder[] = "/tmp/conurb-record-XXXXXX", path[64], hex[17], line[64];
+    uint64_t hash = 0, one;
+    const cn_photo_index index = { 0 };
+    assert_non_null(mkdtemp(folder));
+    for (int i = 0; i < 3; i++) {
+        const char bytes[8] = { 1 };
+        snprintf(path, sizeof path, "%s/%s", folder, NAMES[i]);
+        assert_int_equal(cn_file_write(path, bytes, sizeof bytes), CN_OK);
+        assert_int_equal(cn_hash_file(path, &one), CN_OK);
+        cn_hash_hex(one, hex);
+        hash = cn_hash_text(hash, "%s %s", NAMES[i], hex);
+    }
+    const cn_city city = { .folder = folder, .config = { .import = folder } };
+    assert_int_equal(cn_stage_poses(&city, &index, &poses), CN_OK);
+    cn_hash_hex(hash, hex);
+    snprintf(line, sizeof line, "the imported poses=%s", hex);
+    assert_non_null(strstr(poses.parent.text, line));
+    assert_int_equal(cn_folder_remove(folder), CN_OK);
+}
+
+/* The plan, and by it the tiles, depend on the masks' bytes, not only on their names. */
+static void masks_are_inputs(void **state)
+{
+    (void)state;
+    char folder[] = "/tmp/conurb-record-XXXXXX", path[64];
+    cn_photo photo = { .name = "a.jpg", .width = 1, .height = 1, .orientation = 1, .camera = "" };
+    assert_non_null(mkdtemp(folder));
+    const cn_photo_index index = { .folder = folder, .photos = &photo, .n_photos = 1 };
+    static const char *const parents[] = { "frame.json", "poses/model/images.bin", "poses/model/points3D.bin" };
+    for (int i = 0; i < 3; i++)
+        put(folder, parents[i], "1");
+    snprintf(path, sizeof path, "%s/photos.json", folder);
+    put(folder, "masks/a.jpg.png", "1");
+    assert_int_equal(cn_photo_index_save(&index, path), CN_OK);
+    const uint64_t without = hash_of_plan(folder);
+    put(folder, "masks/a.jpg.png", "2");
+    assert_true(hash_of_plan(folder) == without);
+    photo.mask = "masks/a.jpg.png";
+    assert_int_equal(cn_photo_index_save(&index, path), CN_OK);
+    const uint64_t with = hash_of_plan(folder);
+    assert_true(with != without);
+    put(folder, "masks/a.jpg.png", "3");
+    assert_true(hash_of_plan(folder) != with);
+    put(folder, "masks/a.jpg.png", "2");
+    assert_true(hash_of_plan(folder) == with);
+    /* A mask that is gone is said when the photos are read. */
+    snprintf(path, sizeof path, "%s/masks/a.jpg.png", folder);
+    assert_int_equal(unlink(path), 0);
+    assert_true(hash_of_plan(folder) != with);
+    assert_int_equal(cn_folder_remove(folder), CN_OK);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(a_hash_is_of_the_whole_text),
-                                        cmocka_unit_test(every_change_is_seen_and_named),
-                                        cmocka_unit_test(the_list_of_a_bundle_is_an_input) };
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_hash_is_of_the_whole_text),      cmocka_unit_test(every_change_is_seen_and_named),
+        cmocka_unit_test(the_list_of_a_bundle_is_an_input), cmocka_unit_test(the_files_of_an_import_are_inputs),
+        cmocka_unit_test(older_records_of_imports_hold),    cmocka_unit_test(masks_are_inputs)
+    };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
