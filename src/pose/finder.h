@@ -10,6 +10,7 @@ typedef struct cn_finder_entry {
 typedef struct cn_photo_finder {
     cn_finder_entry *whole, *bare; /* sorted by name, and by file name without folder */
     uint32_t n;
+    bool one_folder; /* all photos lie in it, so its name does not tell them apart */
     const cn_photo_index *of;
 } cn_photo_finder;
 
@@ -20,6 +21,7 @@ void cn_photo_finder_deinit(cn_photo_finder *finder);
 int64_t cn_photo_finder_find(const cn_photo_finder *finder, const char *name);
 /* The photo that a path of another program or machine names: the one with which it has most in common from the end on,
  * in whole names of folders. -1 where there are several, or where both have folders left: they are then of different
- * folders, as cam1/2.jpg and cam0/2.jpg. */
+ * folders, as cam1/2.jpg and cam0/2.jpg. Where all photos lie in one folder, its name does not count: it may have been
+ * renamed. */
 int64_t cn_photo_finder_match(const cn_photo_finder *finder, const char *path);
 #endif

@@ -69,6 +69,20 @@ static void test_match(void **state)
     cn_photo_finder_deinit(&finder);
 }
 
+/* A collection of one folder, which had another name when the file was written. */
+static void test_one_folder(void **state)
+{
+    (void)state;
+    cn_photo two[2] = { { .name = names[1] }, { .name = names[2] } };
+    const cn_photo_index index = { .folder = folder, .photos = two, .n_photos = 2 };
+    cn_photo_finder finder;
+    assert_int_equal(cn_photo_finder_init(&finder, &index), CN_OK);
+    assert_int_equal(cn_photo_finder_match(&finder, "images_4/3.jpg"), 1);
+    assert_int_equal(cn_photo_finder_match(&finder, "/old/2.jpg"), 0);
+    assert_int_equal(cn_photo_finder_match(&finder, "/old/4.jpg"), -1);
+    cn_photo_finder_deinit(&finder);
+}
+
 #define FRAME(file) "{\"file_path\":\"" file "\",\"transform_matrix\":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}"
 
 /* The pose of a photo that is not there is no pose of another camera's photo of that name. */
@@ -111,6 +125,7 @@ static void test_control(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_match), TEST(test_import), TEST(test_control) };
+    const struct CMUnitTest tests[] = { TEST(test_match), TEST(test_one_folder), TEST(test_import),
+                                        TEST(test_control) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
