@@ -173,10 +173,20 @@ def saving():
     page.close()
 
 
+def made_film(page, **fields):
+    """Makes a film of the saved path; what the server says at its end. It may be a moment before the next one begins.
+    """
+    while True:
+        page.send("film", name="round", width=32, **fields)
+        done = page.until(lambda h: h["type"] == "failed" or h["type"] == "film" and h["state"] != "running", 60)[0]
+        if done["type"] == "film":
+            return done
+        time.sleep(0.05)
+
+
 def films():
     page = Page(server)
-    page.send("film", name="round", width=32)
-    done = page.until(lambda h: h["type"] == "film" and h["state"] != "running", 300)[0]
+    done = made_film(page)
     check(done["state"] == "done" and os.path.exists(f"{city}/renders/round/flight.mp4"), f"a film is made: {done}")
     film = page.ask("film_show", name="round")[2]
     with open(f"{city}/renders/round/flight.mp4", "rb") as file:
@@ -187,6 +197,13 @@ def films():
         check(False, "a picture that the film does not have is refused")
     except RuntimeError as error:
         check("09998.png" in str(error), f"a picture that the film does not have: {error}")
+    first = page.ask("film_show", name="round", frame=1)[2]
+    done = made_film(page, exposure_ev=2, display_view="Raw")
+    check(done["state"] == "done" and page.ask("film_show", name="round", frame=1)[2] != first,
+          f"a film has the page's exposure and view: {done}")
+    for fields in ({"display_view": "nonsense"}, {"look": "nonsense"}):
+        done = made_film(page, **fields)
+        check(done["state"] == "failed" and "nonsense" in done["text"], f"a film with {fields}: {done}")
     page.close()
 
 
