@@ -225,6 +225,9 @@ def measuring(browser):
     browser.key("Enter", "Enter")
     browser.wait("conurb.stage.marks.has('measure')", 60)
     browser.click("#measure")
+    at_once = browser.run("""Promise.race([new Promise((yes) => setTimeout(yes, 60000)),
+        Promise.all([1, 2, 3].map((i) => conurb.picture.probe({...conurb.camera.state(), vfov: i / 10})))])""")
+    check(at_once and len(at_once) == 3, f"depths that are asked for at once are all answered: {at_once}")
     fly_home(browser)
 
 
