@@ -112,6 +112,24 @@ def a_photo(browser):
     check("dB" in browser.run("document.getElementById('photos').textContent"), "the error has a figure")
     shoot(browser, "error")
     browser.run("conurb.compare(null)")
+    many_photos(browser)
+
+
+def many_photos(browser):
+    """All cards of a tall window get their photo, also more than the server takes of a page at once."""
+    browser.call("Emulation.setDeviceMetricsOverride", width=1200, height=12000, deviceScaleFactor=1, mobile=False)
+    n = browser.run("""(() => { const { views } = conurb.city, n = views.length;
+        for (let i = n; i < 100; i++) views.push({ ...views[i % n] });
+        document.getElementById('tab-look').click(); document.getElementById('tab-photos').click(); return n; })()""")
+    cards = "document.querySelectorAll('#photos .card')"
+    browser.wait(f"{cards}.length === 100", 20)
+    try:
+        browser.wait(f"[...{cards}].every((card) => card.querySelector('img'))", 60)
+    except RuntimeError:
+        got = browser.run(f"[...{cards}].filter((card) => card.querySelector('img')).length")
+        check(False, f"all of 100 photos are shown: {got}")
+    browser.run(f"conurb.city.views.splice({n})")
+    browser.call("Emulation.setDeviceMetricsOverride", width=1200, height=760, deviceScaleFactor=1, mobile=False)
 
 
 def transients(browser):

@@ -1,5 +1,6 @@
 // The photos: flies to where a photo was taken, and compares it with its render.
 import { shortName } from "./light.js";
+import { queueOf } from "./link.js";
 import { byId, check, element, row, say, select } from "./ui.js";
 
 // The mean difference of two pictures, and a picture of it.
@@ -25,6 +26,7 @@ export function setUpPhotos(app) {
   const shown = element("div"), list = element("div", { className: "grid" });
   let city = null, seen = null, chosen = null;
 
+  const small = queueOf(8); // the server refuses a page that has more than 32 questions open
   const fetchPhoto = (name, width) => link.ask("photo", { name, width }).then(({ jpeg }) => jpeg);
   const image = (blob) => {
     const url = URL.createObjectURL(blob);
@@ -99,7 +101,7 @@ export function setUpPhotos(app) {
       if (!isIntersecting) continue;
       seen.unobserve(target);
       const view = city.views.find((v) => v.name === target.dataset.name);
-      const got = city.pixels ? fetchPhoto(view.name, 160)
+      const got = city.pixels ? small(() => fetchPhoto(view.name, 160))
         : picture.thumb(view, { appearance: view.held_out ? "" : view.name }, 96, Math.max(Math.round(96 / view.aspect), 8));
       got.then((jpeg) => target.firstChild.replaceWith(image(jpeg)), () => {});
     }
