@@ -242,6 +242,19 @@ def uploads():
     page.close()
 
 
+def two_servers(cookie):
+    """A browser sends the cookies of all servers of a host to each of them, and keeps one of a name."""
+    other = Server(conurb, city, "--host", "0.0.0.0")
+    try:
+        head = http(other, f"/?token={other.token}")[1]
+        kept = dict(one.split("=") for one in (cookie, head["set-cookie"].split(";")[0]))
+        both = "; ".join(f"{name}={value}" for name, value in kept.items())
+        check(http(server, "/main.js", Cookie=both)[0] == 200 and http(other, "/main.js", Cookie=both)[0] == 200,
+              "two servers do not throw out each other's pages")
+    finally:
+        other.stop()
+
+
 def with_a_token():
     global server
     server = Server(conurb, city, "--host", "0.0.0.0")
@@ -257,6 +270,7 @@ def with_a_token():
               "files by cookie")
         check(refused() and refused(cookie=cookie[:-1] + "x"), "no socket without the token")
         Page(server, cookie=cookie).close()
+        two_servers(cookie)
         check(http(server, f"/?token={server.token}", Host="evil.example")[0] == 403, "a foreign name stays out")
     finally:
         check(server.stop()[0] == 0, "the server with a token ends well")
