@@ -103,10 +103,16 @@ def pictures():
     check(mixed not in (colour, other), "a mix of the mean and a photo is a third one")
     far = page.ask("view", **view_fields(pose), moving=True, crop=[9e5] * 3 + [9.1e5] * 3)
     check(not any(struct.unpack(f"<{len(far[2]) // 2}e", far[2])), "nothing is left of a crop elsewhere")
+    size = {"width": 64, "height": round(64 / pose["aspect"]), "moving": True, "photo": pose["name"]}
+    elsewhere = {**view_fields(pose), "centre": [0, 0, 999], "vfov_deg": 20, **size}
+    of_photo = page.ask("view", **elsewhere)[1]
+    check(of_photo == page.ask("view", **{**view_fields(pose), **size})[1], "a photo's name gives its pose and lens")
+    check(of_photo != page.ask("view", **{**elsewhere, "photo": ""})[1], "which the page's own are not")
     head, _, tail = page.ask("view", **{**view_fields(pose), "width": 3, "height": 3}, slot=3)
     check(head["jpeg"] == 0 and struct.unpack("<9e", tail)[4] > 0, "a probe says how far it is")
     for fields, text in (({"appearance": "no such photo"}, "no photo is named"),
                          ({"name": "nowhere"}, "no trained tile"),
+                         ({"photo": "nowhere.jpg"}, "nowhere.jpg"),
                          ({"display_view": "nonsense"}, "view")):
         try:
             page.ask("view", **view_fields(pose), **fields)
