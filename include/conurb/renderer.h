@@ -57,7 +57,7 @@ typedef struct cn_render_request {
     const char *look;         /* NULL: from city.yaml */
     const double *crop_m;     /* as in cn_render_options; NULL: all of the city */
     double exposure_ev;       /* stops, added to those of city.yaml; for the encoded picture only */
-    bool owners;              /* fill result.owners; not with `tile` */
+    bool owners;              /* fill result.owners */
     unsigned aovs;            /* CN_AOV_* bits: channels that the result has too */
     bool draft;               /* coverage may be coarse, as it is in the first two passes, so that it comes soon */
     unsigned passes;          /* CN_PASS_* bits, at least one */

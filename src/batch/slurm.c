@@ -11,7 +11,8 @@
 
 extern const char cn_slurm_template[];
 
-enum { KEPT_JOBS = 64 };
+/* Slurm takes no index of an array from its MaxArraySize on, by default 1001. */
+enum { KEPT_JOBS = 64, MOST_TASKS = 1000 };
 
 /* The path CITY/jobs/STAGE-HASH.sbatch, in the folder of its list of items; the caller frees it. */
 static cn_status write_script(const cn_submission *s, const cn_submit_job *job, char **script)
@@ -125,30 +126,112 @@ static bool is(const cn_submit_job *job, const char *stage)
     return strcmp(job->stage, stage) == 0;
 }
 
-/* Ids of this submission's jobs, as ":12"; "" when there is none. */
-typedef struct parent_ids {
-    char group[32], train[32], match[32];
-} parent_ids;
+/* What one submission has handed over so far. Ids are lists as ":12:13"; NULL when there is none. */
+typedef struct handed {
+    const cn_submission *s;
+    json_t *record;
+    const char *path; /* of the record */
+    char *group, *train, *match;
+} handed;
 
-/* Match and eval wait for the tiles of this submission and for those still running from earlier ones; renders also
- * wait for the match. The merge waits for the groups, also for those that fail. */
-static void dependency(const cn_submission *s, const cn_submit_job *job, const parent_ids *p, char *out, size_t size)
+static cn_status add_id(char **list, const char *id)
 {
-    const bool first = is(job, "train") || is(job, "prepare") || is(job, "group"), last = is(job, "render");
-    char jobs[1200];
-    snprintf(jobs, sizeof jobs, "%s%s%s%s%s", p->group, p->train, s->live, last ? p->match : "",
-             last ? s->live_match : "");
-    out[0] = '\0';
-    if (!first && jobs[0]) snprintf(out, size, "--dependency=%s%s", is(job, "merge") ? "afterany" : "afterok", jobs);
+    char *longer = cn_format("%s:%s", *list ? *list : "", id);
+    if (!longer) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(*list);
+    *list = longer;
+    return CN_OK;
 }
 
-static void print_command(const cn_submission *s, const cn_submit_job *job, const char *array, const char *after,
+static cn_status note_id(handed *h, const cn_submit_job *job, const char *id)
+{
+    if (is(job, "group")) return add_id(&h->group, id);
+    if (is(job, "train")) return add_id(&h->train, id);
+    return is(job, "match") ? add_id(&h->match, id) : CN_OK;
+}
+
+static const char *text_of(const char *list)
+{
+    return list ? list : "";
+}
+
+/* Match and eval wait for the tiles of this submission and for those still running from earlier ones; renders also
+ * wait for the match. The merge waits for the groups, also for those that fail. before: the part of the same stage that
+ * ends first, or "". The caller frees the option; "": the job waits for nothing; NULL: out of memory. */
+static char *dependency(const handed *h, const cn_submit_job *job, const char *before)
+{
+    const cn_submission *s = h->s;
+    const bool first = is(job, "train") || is(job, "prepare") || is(job, "group"), last = is(job, "render");
+    char *jobs = cn_format("%s%s%s%s%s", text_of(h->group), text_of(h->train), s->live, last ? text_of(h->match) : "",
+                           last ? s->live_match : "");
+    if (!jobs) return NULL;
+    const bool waits = !first && *jobs;
+    char *option = cn_format("%s%s%s%s%s%s", waits || *before ? "--dependency=" : "",
+                             !waits             ? ""
+                             : is(job, "merge") ? "afterany"
+                                                : "afterok",
+                             waits ? jobs : "", waits && *before ? "," : "", *before ? "afterany:" : "", before);
+    free(jobs);
+    return option;
+}
+
+/* id: as "$train", a variable in place of the answer. */
+static void print_command(const cn_submission *s, const char *id, const char *array, const char *after,
                           const char *script)
 {
     char *word = cn_shell_word(script);
-    cn_log(s->ctx, CN_LOG_INFO, "%s=$(sbatch --parsable %s%s%s%s%s)", job->stage, array, *array ? " " : "", after,
+    cn_log(s->ctx, CN_LOG_INFO, "%s=$(sbatch --parsable %s%s%s%s%s)", id + 1, array, *array ? " " : "", after,
            *after ? " --kill-on-invalid-dep=yes " : "", word ? word : script);
     free(word);
+}
+
+/* Hands over a job, or part `number` of one. id: of the part that ends first, or ""; then its own. */
+static cn_status submit_part(handed *h, const cn_submit_job *job, uint32_t number, char id[32])
+{
+    const cn_submission *s = h->s;
+    char *script = NULL, array[64] = "", limit[32] = "";
+    answer a = { 0 };
+    if (s->options->max_tasks) snprintf(limit, sizeof limit, "%%%u", s->options->max_tasks);
+    if (job->n) snprintf(array, sizeof array, "--array=1-%u%s", job->n, limit);
+    char *after = dependency(h, job, id);
+    cn_status status = after ? write_script(s, job, &script) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (number == 1)
+        snprintf(a.id, sizeof a.id, "$%s", job->stage);
+    else
+        snprintf(a.id, sizeof a.id, "$%s_%u", job->stage, number);
+    if (status == CN_OK && s->options->dry_run) {
+        print_command(s, a.id, array, after, script);
+    } else if (status == CN_OK) {
+        status = hand_over(s, job, array, after, script, &a);
+        if (status == CN_OK) record_job(h->record, job, a.id, script);
+        /* Save after each job, so that the record is right even when the next job is refused. */
+        if (status == CN_OK) status = cn_json_save(h->record, h->path);
+    }
+    if (status == CN_OK) status = note_id(h, job, a.id);
+    snprintf(id, sizeof a.id, "%s", a.id);
+    free(after);
+    free(script);
+    return status;
+}
+
+/* More tasks than Slurm takes in an array are several arrays, one after the other where the tasks at once are limited:
+ * the limit is of each array. */
+static cn_status submit_job(handed *h, const cn_submit_job *job)
+{
+    char id[32] = "";
+    if (job->n <= MOST_TASKS) return submit_part(h, job, 1, id);
+    cn_status status = CN_OK;
+    for (uint32_t begin = 0, number = 1; begin < job->n && status == CN_OK; begin += MOST_TASKS, number++) {
+        cn_submit_job part = *job;
+        part.items = job->items + begin;
+        part.n = job->n - begin < MOST_TASKS ? job->n - begin : MOST_TASKS;
+        part.list = NULL;
+        if (!h->s->options->max_tasks) id[0] = '\0';
+        status = cn_submit_write_list(h->s, &part);
+        if (status == CN_OK) status = submit_part(h, &part, number, id);
+        free(part.list);
+    }
+    return status;
 }
 
 cn_status cn_submit_slurm(cn_submission *s)
@@ -157,32 +240,13 @@ cn_status cn_submit_slurm(cn_submission *s)
         return cn_fail(CN_ERR_USAGE, "%s: a script for Slurm cannot name a folder with a line break; rename it",
                        s->city->folder);
     char *path = cn_city_path(s->city, CN_SUBMISSION);
-    json_t *record = path ? record_so_far(path) : NULL;
-    cn_status status = record ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    parent_ids parents = { "", "", "" };
-    for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++) {
-        const cn_submit_job *job = &s->jobs[i];
-        char *script = NULL, array[64] = "", limit[32] = "", after[1280];
-        answer a;
-        if (s->options->max_tasks) snprintf(limit, sizeof limit, "%%%u", s->options->max_tasks);
-        if (job->n) snprintf(array, sizeof array, "--array=1-%u%s", job->n, limit);
-        status = write_script(s, job, &script);
-        dependency(s, job, &parents, after, sizeof after);
-        snprintf(a.id, sizeof a.id, "$%s", job->stage);
-        if (status == CN_OK && s->options->dry_run) {
-            print_command(s, job, array, after, script);
-        } else if (status == CN_OK) {
-            status = hand_over(s, job, array, after, script, &a);
-            if (status == CN_OK) record_job(record, job, a.id, script);
-            /* Save after each job, so that the record is right even when the next job is refused. */
-            if (status == CN_OK) status = cn_json_save(record, path);
-        }
-        if (is(job, "group")) snprintf(parents.group, sizeof parents.group, ":%.30s", a.id);
-        if (is(job, "train")) snprintf(parents.train, sizeof parents.train, ":%.30s", a.id);
-        if (is(job, "match")) snprintf(parents.match, sizeof parents.match, ":%.30s", a.id);
-        free(script);
-    }
-    json_decref(record);
-    free(path);
+    handed h = { .s = s, .record = path ? record_so_far(path) : NULL, .path = path };
+    cn_status status = h.record ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < s->n_jobs && status == CN_OK; i++)
+        status = submit_job(&h, &s->jobs[i]);
+    char *owned[] = { h.group, h.train, h.match, path };
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
+        free(owned[i]);
+    json_decref(h.record);
     return status;
 }

@@ -1,7 +1,6 @@
 #include "batch/submit.h"
 
 #include "base/file.h"
-#include "base/hash.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -40,7 +39,7 @@ static bool has_id(const char *list, const char *id)
     return false;
 }
 
-void cn_submit_find_live(const cn_city_state *state, const char *stage, char live[512])
+void cn_submit_find_live(const cn_city_state *state, const char *stage, char live[CN_SUBMIT_LIVE])
 {
     for (uint32_t i = 0; i < state->n; i++) {
         const cn_work_row *row = &state->rows[i];
@@ -50,7 +49,7 @@ void cn_submit_find_live(const cn_city_state *state, const char *stage, char liv
         snprintf(id, sizeof id, "%.*s", (int)strspn(job + 4, "0123456789"), job + 4);
         snprintf(colon, sizeof colon, ":%s", id);
         const size_t used = strlen(live);
-        if (!has_id(live, colon) && used + strlen(colon) < 512) strcpy(live + used, colon);
+        if (!has_id(live, colon) && used + strlen(colon) < CN_SUBMIT_LIVE) strcpy(live + used, colon);
     }
 }
 
@@ -77,27 +76,6 @@ static cn_status add_job(cn_submission *s, const char *stage, const cn_city_stat
     size_job(&job, s->options, longest, largest);
     s->jobs[s->n_jobs++] = job;
     return CN_OK;
-}
-
-/* The name is a hash of the content: a task in the queue keeps the list it was submitted with. */
-static cn_status write_list(const cn_submission *s, cn_submit_job *job)
-{
-    char *text = NULL;
-    size_t size = 0;
-    FILE *stream = open_memstream(&text, &size);
-    if (!stream) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; i < job->n; i++)
-        fprintf(stream, "%s\n", job->items[i]);
-    if (!job->n) fputc('\n', stream);
-    cn_status status = fclose(stream) == 0 ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    char hex[17];
-    if (status == CN_OK) {
-        cn_hash_hex(cn_hash64(text, size), hex);
-        job->list = cn_format("%s/%s-%.8s.items", s->dir, job->stage, hex);
-        status = job->list ? cn_file_write(job->list, text, size) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    }
-    free(text);
-    return status;
 }
 
 /* A single job that makes poses and plan, unless it is in the queue. */
@@ -146,7 +124,7 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
         CN_TRY(add_job(s, "render", s->n_jobs > before ? NULL : queue));
     }
     for (uint32_t i = 0; i < s->n_jobs; i++)
-        CN_TRY(write_list(s, &s->jobs[i]));
+        CN_TRY(cn_submit_write_list(s, &s->jobs[i]));
     return CN_OK;
 }
 

@@ -20,7 +20,7 @@ char *cn_yaml_string(const char *text);
 char *cn_sbatch_word(const char *text, bool file);
 
 /* ---- submit.c ---- */
-enum { CN_SUBMIT_JOBS = 4 };
+enum { CN_SUBMIT_JOBS = 4, CN_SUBMIT_LIVE = 2048 };
 /* The job of one stage: a single task, or an array with one task per item. */
 typedef struct cn_submit_job {
     const char *stage; /* "prepare", "group", "merge", "train", "match", "eval", "render" */
@@ -35,14 +35,18 @@ typedef struct cn_submission {
     const cn_submit_options *options;
     cn_job_graph graph;
     cn_submit_job jobs[CN_SUBMIT_JOBS];
-    uint32_t n_jobs;                 /* in the order of their dependencies */
-    char *dir;                       /* CITY/jobs */
-    char live[512], live_match[512]; /* ":12:13": jobs of earlier submissions that still train tiles (or map groups),
-                                        and that align them */
+    uint32_t n_jobs; /* in the order of their dependencies */
+    char *dir;       /* CITY/jobs */
+    /* ":12:13": jobs of earlier submissions that still train tiles (or map groups), and that align them */
+    char live[CN_SUBMIT_LIVE], live_match[CN_SUBMIT_LIVE];
 } cn_submission;
 
 /* Adds to live the jobs of earlier submissions that still run a stage, as ":12:13". Later stages wait for them too. */
-void cn_submit_find_live(const cn_city_state *state, const char *stage, char live[512]);
+void cn_submit_find_live(const cn_city_state *state, const char *stage, char live[CN_SUBMIT_LIVE]);
+
+/* ---- list.c ---- */
+/* Writes job->items to a file and fills job->list, which the caller frees. */
+CN_NODISCARD cn_status cn_submit_write_list(const cn_submission *submission, cn_submit_job *job);
 
 /* ---- slurm.c, kubernetes.c: write the scripts, submit them unless options->dry_run, and log the commands ---- */
 CN_NODISCARD cn_status cn_submit_slurm(cn_submission *submission);

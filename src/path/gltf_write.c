@@ -37,7 +37,7 @@ static cn_status fill(gltf_output *o)
             same += q[k] * before[k];
         for (int k = 0; k < 4; k++) /* the shorter way from the frame before */
             before[k] = same < 0 ? -q[k] : q[k];
-        o->values[TIMES][i] = (float)s.time_s;
+        o->values[TIMES][i] = (float)(i / o->path->fps); /* as the film shows it, however the path was timed */
         for (int k = 0; k < 3; k++) {
             o->values[PLACES][3 * i + (uint32_t)k] = (float)s.centre[k];
             o->values[TURNS][4 * i + (uint32_t)k] = (float)before[k + 1]; /* x y z, then w */

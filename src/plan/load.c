@@ -2,6 +2,7 @@
 #include "plan/plan.h"
 
 #include "base/file.h"
+#include "pose/scene.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -15,21 +16,6 @@ static bool id_is_safe(const char *id)
 {
     size_t n = strspn(id, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+-_");
     return n > 0 && id[n] == '\0' && n < CN_TILE_ID_SIZE && id[0] != '-';
-}
-
-static int64_t find_view(const cn_scene *scene, const char *name)
-{
-    uint32_t low = 0, high = scene->n_views;
-    while (low < high) {
-        uint32_t middle = low + (high - low) / 2;
-        int order = strcmp(scene->views[middle].name, name);
-        if (order == 0) return middle;
-        if (order < 0)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return -1;
 }
 
 static int compare_indices(const void *a, const void *b)
@@ -53,7 +39,7 @@ static cn_status read_names(const json_t *item, const char *where, const char *k
     for (size_t i = 0; i < count; i++) {
         const char *name = json_string_value(json_array_get(list, i));
         if (!name) return cn_fail(CN_ERR_FORMAT, "%s: \"%s\", item %zu is not a name; " AGAIN, where, key, i);
-        int64_t view = find_view(scene, name);
+        int64_t view = cn_scene_find_view(scene, name);
         if (view < 0) return cn_fail(CN_ERR_DATA, "%s: photo %.200s no longer has a pose; " AGAIN, where, name);
         (*views)[i] = (uint32_t)view;
     }

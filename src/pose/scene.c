@@ -284,3 +284,18 @@ cn_status cn_scene_append(cn_scene *scene, const cn_scene *other)
     scene->n_observations += other->n_observations;
     return cn_scene_sort_views(scene);
 }
+
+int64_t cn_scene_find_view(const cn_scene *scene, const char *name)
+{
+    uint32_t low = 0, high = scene->n_views;
+    while (low < high) {
+        uint32_t middle = low + (high - low) / 2;
+        int order = strcmp(scene->views[middle].name, name);
+        if (order == 0) return middle;
+        if (order < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return -1;
+}

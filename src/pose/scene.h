@@ -70,4 +70,6 @@ CN_NODISCARD cn_status cn_scene_fit_photos(const cn_context *ctx, cn_scene *scen
                                            bool raw_pixels, bool *keep);
 /* A place in the stored photo becomes the place in the upright one; pixels from the upper left corner. */
 void cn_photo_upright(const cn_photo *photo, double xy_px[2]);
+/* The index of the view of that name, or -1. */
+int64_t cn_scene_find_view(const cn_scene *scene, const char *name);
 #endif

@@ -93,6 +93,8 @@ static cn_status draw(cn_renderer *r, cn_render_job *job, const cn_context *ctx,
         if (strcmp(r->tiles.plan->tiles[r->tiles.which[i]].id, tile) != 0) continue;
         snprintf(job->result.tile, sizeof job->result.tile, "%s", tile);
         CN_TRY(cn_tile_cache_alone(&r->tiles, ctx, i, &view, picture));
+        for (size_t k = 0; owner && k < (size_t)picture->width * picture->height; k++)
+            owner[k] = picture->rgba[4 * k + 3] > 0 ? r->tiles.which[i] : UINT32_MAX;
         return draw_aovs(r, job, &view, i, ctx, out);
     }
     return cn_fail(CN_ERR_USAGE, "no trained tile is named '%s'; see plan/plan.json", tile);
@@ -119,7 +121,8 @@ static cn_status encode(const cn_renderer *r, const cn_render_job *job, const cn
 static cn_status make_room(const cn_render_request *q, const cn_camera *camera, pass_output *out)
 {
     CN_TRY(cn_picture_init(&out->picture, camera->width, camera->height));
-    if ((!q->owners && !cn_aov_needs_owner(q->aovs)) || q->tile) return CN_OK;
+    /* Channels of one tile alone know whose its pixels are. */
+    if (!q->owners && (q->tile || !cn_aov_needs_owner(q->aovs))) return CN_OK;
     out->owners = malloc((size_t)camera->width * camera->height * sizeof *out->owners);
     return out->owners ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the owners of pixels");
 }

@@ -17,7 +17,6 @@ static cn_status photo_path(const cn_dataset *m, const char *photo_name, uint32_
         path->frames = calloc(1, sizeof *path->frames);
         if (!path->frames) return cn_fail(CN_ERR_NOMEM, "out of memory");
         path->n_frames = 1;
-        path->fps = 24;
         cn_camera_resize(c, width, (uint32_t)fmax(1, round((double)c->height * width / c->width)),
                          &path->frames[0].camera);
         path->frames[0].view = *v;
@@ -48,6 +47,7 @@ static cn_status choose(const cn_context *ctx, cn_city *city, const cn_dataset *
     const bool by_photos = options->path && strcmp(options->path, "photos") == 0;
     if ((options->path != NULL) + (options->photo != NULL) + (options->orbit != NULL) > 1)
         return cn_fail(CN_ERR_USAGE, "--path, --photo and --orbit exclude each other; give one");
+    path->fps = c->render_fps;
     if (options->photo) return photo_path(m, options->photo, width, path);
     if (!m->scene.n_views) return cn_fail(CN_ERR_DATA, "no photo has a pose; there is nothing to fly over");
     cn_path_options o = cn_path_options_default();

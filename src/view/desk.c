@@ -16,28 +16,40 @@ enum { STATE_EVERY_S = 2 };
 
 /* ---- photos ---- */
 
-/* Converts linear RGBW to RGB for the display, in place. */
-static cn_status encode_photo(const cn_desk *k, float *pixels, uint32_t width, uint32_t height, uint8_t **jpeg,
-                              size_t *size)
+/* As the renderer encodes its pictures, so that the two can be compared. */
+static cn_display_transform display_of(const cn_desk *k, const cn_ask *ask)
 {
+    const cn_config *c = &k->city->config;
+    return (cn_display_transform){ .view = ask->display_view[0] ? ask->display_view : c->view,
+                                   .look = ask->look[0] ? ask->look : c->look,
+                                   .exposure_ev = c->exposure_ev + ask->exposure_ev };
+}
+
+/* Converts linear RGBW to RGB for the display, in place. */
+static cn_status encode_photo(const cn_desk *k, const cn_ask *ask, float *pixels, cn_pixel_extent extent,
+                              uint8_t **jpeg, size_t *size)
+{
+    const uint32_t width = extent.width, height = extent.height;
     const size_t n = (size_t)width * height;
-    CN_TRY(cn_colour_to_display(k->colour, NULL, pixels, n, 4));
+    const cn_display_transform display = display_of(k, ask);
+    CN_TRY(cn_colour_to_display(k->colour, &display, pixels, n, 4));
     for (size_t i = 0; i < n; i++)
         memmove(pixels + 3 * i, pixels + 4 * i, 3 * sizeof *pixels);
     return cn_oiio_encode((cn_oiio_encoding){ .jpeg = true, .quality = CN_FRAME_QUALITY }, pixels, width, height, jpeg,
                           size);
 }
 
-static cn_status shrink_and_encode(const cn_desk *k, float *pixels, cn_pixel_extent full, uint32_t width,
+static cn_status shrink_and_encode(const cn_desk *k, const cn_ask *ask, float *pixels, cn_pixel_extent full,
                                    uint8_t **jpeg, size_t *size)
 {
-    if (!width || width >= full.width) return encode_photo(k, pixels, full.width, full.height, jpeg, size);
+    const uint32_t width = ask->width;
+    if (!width || width >= full.width) return encode_photo(k, ask, pixels, full, jpeg, size);
     uint32_t height = (uint32_t)(((uint64_t)full.height * width + full.width / 2) / full.width);
     if (height < 1) height = 1;
     float *small = malloc((size_t)width * height * 4 * sizeof *small);
     if (!small) return cn_fail(CN_ERR_NOMEM, "out of memory for a photo of %u x %u pixels", width, height);
     cn_image_shrink(pixels, full.width, full.height, small, width, height);
-    const cn_status status = encode_photo(k, small, width, height, jpeg, size);
+    const cn_status status = encode_photo(k, ask, small, (cn_pixel_extent){ width, height }, jpeg, size);
     free(small);
     return status;
 }
@@ -53,7 +65,7 @@ static cn_status make_photo(const cn_desk *k, const cn_ask *ask, uint8_t **jpeg,
     float *pixels = malloc((size_t)full.width * full.height * 4 * sizeof *pixels);
     if (!pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for the photo %s", ask->name);
     cn_status status = cn_pixel_store_read(d->pixels, (uint32_t)photo, pixels);
-    if (status == CN_OK) status = shrink_and_encode(k, pixels, full, ask->width, jpeg, size);
+    if (status == CN_OK) status = shrink_and_encode(k, ask, pixels, full, jpeg, size);
     free(pixels);
     return status;
 }
@@ -115,7 +127,8 @@ static cn_status answer_transient(const cn_desk *k, const cn_question *q)
     cn_out *out = NULL;
     CN_TRY(cn_picture_init(&p, width, height ? height : 1));
     cn_status status = make_transient(k, &q->ask, tile, &p);
-    if (status == CN_OK) status = encode_photo(k, p.rgba, p.width, p.height, &jpeg, &size);
+    if (status == CN_OK)
+        status = encode_photo(k, &q->ask, p.rgba, (cn_pixel_extent){ p.width, p.height }, &jpeg, &size);
     cn_picture_deinit(&p);
     json_t *head = json_pack("{s:s, s:I, s:s}", "type", "transient", "id", (json_int_t)q->ask.id, "name", q->ask.name);
     if (status == CN_OK)

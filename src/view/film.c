@@ -44,6 +44,7 @@ static cn_status make(cn_desk *k, const cn_context *ctx, const cn_ask *ask, char
                                              .out = *out,
                                              .appearance = ask->appearance[0] ? ask->appearance : NULL,
                                              .view = ask->display_view[0] ? ask->display_view : NULL,
+                                             .look = ask->look[0] ? ask->look : NULL,
                                              .exposure_ev = ask->exposure_ev,
                                              .width_px = ask->width };
     cn_status status = path && *out ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");

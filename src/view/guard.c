@@ -82,14 +82,21 @@ bool cn_guard_knows_origin(const char *origin, const char *host)
     return strncmp(origin, "https://", 8) == 0 && strcasecmp(origin + 8, host) == 0;
 }
 
-void cn_guard_cookie_token(const char *cookie, char token[CN_TOKEN_SIZE])
+void cn_guard_cookie_name(uint16_t port, char name[CN_GUARD_COOKIE_SIZE])
 {
-    static const char name[] = CN_GUARD_COOKIE "=";
+    snprintf(name, CN_GUARD_COOKIE_SIZE, "conurb_token_%u", (unsigned)port);
+}
+
+void cn_guard_cookie_token(const char *cookie, uint16_t port, char token[CN_TOKEN_SIZE])
+{
+    char name[CN_GUARD_COOKIE_SIZE];
+    cn_guard_cookie_name(port, name);
+    const size_t length = strlen(name);
     token[0] = '\0';
     for (const char *at = cookie; at; at = strchr(at, ';')) {
         at += strspn(at, "; ");
-        if (strncmp(at, name, sizeof name - 1) != 0) continue;
-        const char *value = at + sizeof name - 1;
+        if (strncmp(at, name, length) != 0 || at[length] != '=') continue;
+        const char *value = at + length + 1;
         const size_t n = strcspn(value, "; ");
         if (n >= CN_TOKEN_SIZE) return;
         memcpy(token, value, n);

@@ -18,7 +18,9 @@ bool cn_guard_is_loopback(const char *address);
 bool cn_guard_knows_host(const char *host, const char *address, const char *machine);
 /* Whether the header Origin is of the same host and port. "" (no header, as without a browser) is allowed. */
 bool cn_guard_knows_origin(const char *origin, const char *host);
-/* The token of a Cookie header, or "". */
-void cn_guard_cookie_token(const char *cookie, char token[CN_TOKEN_SIZE]);
-#define CN_GUARD_COOKIE "conurb_token"
+/* The name of a server's cookie. Browsers send the cookies of a host to all its ports, so the name has the server's. */
+enum { CN_GUARD_COOKIE_SIZE = 24 };
+void cn_guard_cookie_name(uint16_t port, char name[CN_GUARD_COOKIE_SIZE]);
+/* The token of a Cookie header for the server of that port, or "". */
+void cn_guard_cookie_token(const char *cookie, uint16_t port, char token[CN_TOKEN_SIZE]);
 #endif

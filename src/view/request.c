@@ -133,16 +133,23 @@ static cn_status take_appearance(const json_t *root, cn_ask *ask)
     return CN_OK;
 }
 
+/* How light is shown: of a picture, a film and a photo. */
+static cn_status take_display(const json_t *root, cn_ask *ask)
+{
+    CN_TRY(take_number(root, "exposure_ev", -20, 20, &ask->exposure_ev));
+    CN_TRY(take_text(root, "display_view", ask->display_view, sizeof ask->display_view));
+    return take_text(root, "look", ask->look, sizeof ask->look);
+}
+
 static cn_status take_picture(const json_t *root, cn_ask *ask)
 {
     ask->moving = json_is_true(json_object_get(root, "moving"));
     CN_TRY(take_camera(root, ask));
     CN_TRY(take_channel(root, &ask->channel));
     CN_TRY(take_crop(root, ask));
-    CN_TRY(take_number(root, "exposure_ev", -20, 20, &ask->exposure_ev));
     CN_TRY(take_text(root, "blend", ask->blend, sizeof ask->blend));
-    CN_TRY(take_text(root, "display_view", ask->display_view, sizeof ask->display_view));
-    return take_text(root, "look", ask->look, sizeof ask->look);
+    CN_TRY(take_text(root, "photo", ask->photo, sizeof ask->photo));
+    return take_display(root, ask);
 }
 
 static cn_status take_saved(const json_t *root, cn_ask *ask)
@@ -179,6 +186,7 @@ static cn_status take_members(const json_t *root, cn_ask *ask)
     if (ask->kind == CN_ASK_SAVE || ask->kind == CN_ASK_LIST || ask->kind == CN_ASK_LOAD) return take_saved(root, ask);
     CN_TRY(take_whole(root, "width", 16, CN_ASK_MAX_SIDE, &ask->width));
     CN_TRY(take_whole(root, "frame", 0, 99999, &ask->frame));
+    if (ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_PHOTO) CN_TRY(take_display(root, ask));
     if ((ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_FILM_SHOW) && !cn_ask_name_is_safe(ask->name))
         return cn_fail(CN_ERR_USAGE, "message: no path is named '%s'", ask->name);
     return CN_OK;

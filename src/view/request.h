@@ -51,7 +51,9 @@ typedef struct cn_ask {
     double exposure_ev;
     bool cropped;
     double crop_m[6]; /* as in cn_render_options */
-    char appearance[2048], blend[32], display_view[64], look[64];
+    char appearance[2048], blend[32];
+    char display_view[64], look[64]; /* these and exposure_ev: of a film and a photo too */
+    char photo[256]; /* "", or the photo whose pose and lens the picture has, instead of the ones above */
     /* of photo, tile, path or light */
     char name[256];
     uint32_t width;     /* of a photo or a film */

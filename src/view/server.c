@@ -53,7 +53,7 @@ static bool has_token(const cn_server *s, struct lws *wsi)
     const char *value = lws_get_urlarg_by_name(wsi, "token=", query, sizeof query);
     if (value && cn_guard_same_token(value, s->options.token)) return true;
     if (!header(wsi, WSI_TOKEN_HTTP_COOKIE, cookie, sizeof cookie)) return false;
-    cn_guard_cookie_token(cookie, given);
+    cn_guard_cookie_token(cookie, cn_server_port(s), given);
     return cn_guard_same_token(given, s->options.token);
 }
 
@@ -95,7 +95,7 @@ static int add_policy(struct lws *wsi, const char *host, unsigned char **at, uns
 static int begin_page(const cn_server *s, struct lws *wsi, connection *c, const char *host)
 {
     unsigned char buffer[LWS_PRE + 4096], *start = buffer + LWS_PRE, *at = start, *end = buffer + sizeof buffer - 1;
-    char cookie[128];
+    char cookie[128], name[CN_GUARD_COOKIE_SIZE];
     c->size = strlen(c->page->text);
     c->sent = 0;
     if (lws_add_http_common_headers(wsi, HTTP_STATUS_OK, c->page->type, c->size, &at, end) ||
@@ -103,7 +103,8 @@ static int begin_page(const cn_server *s, struct lws *wsi, connection *c, const 
         return 1;
     if (s->options.token) {
         /* The cookie is needed because the URLs of the page's files have no token. */
-        snprintf(cookie, sizeof cookie, CN_GUARD_COOKIE "=%s; Path=/; HttpOnly; SameSite=Strict", s->options.token);
+        cn_guard_cookie_name(cn_server_port(s), name);
+        snprintf(cookie, sizeof cookie, "%s=%s; Path=/; HttpOnly; SameSite=Strict", name, s->options.token);
         if (add(wsi, "set-cookie:", cookie, &at, end)) return 1;
     }
     if (lws_finalize_write_http_header(wsi, start, &at, end)) return 1;

@@ -1,6 +1,8 @@
 #include "view/session.h"
 
 #include "base/clock.h"
+#include "pose/scene.h"
+#include "renderer/renderer.h"
 #include "view/frame.h"
 
 #include <stdio.h>
@@ -250,10 +252,25 @@ static void fill_request(cn_drawing *d, cn_render_request *q)
     };
 }
 
+/* With its own lens, a picture lies over its photo. */
+static cn_status take_camera_of_photo(const cn_scene *scene, cn_ask *ask)
+{
+    const int64_t i = cn_scene_find_view(scene, ask->photo);
+    if (i < 0) return cn_fail(CN_ERR_USAGE, "no photo named '%s' has a pose", ask->photo);
+    ask->view = scene->views[i];
+    ask->view.name = NULL;
+    cn_camera_resize(&scene->cameras[ask->view.camera], ask->camera.width, ask->camera.height, &ask->camera);
+    return CN_OK;
+}
+
 void cn_session_draw(cn_session *s, cn_ask *ask)
 {
     cn_render_request q;
     const uint32_t id = ask->id;
+    if (ask->photo[0] && take_camera_of_photo(&s->live->renderer->dataset->scene, ask) != CN_OK) {
+        cn_session_send_failure(s, cn_session_visit(s), id, cn_error_message());
+        return;
+    }
     pthread_mutex_lock(&s->lock);
     cn_drawing *d = &s->drawings[ask->slot];
     end_drawing(d);

@@ -27,7 +27,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     (void)cn_guard_knows_host(text, "0.0.0.0", "machine.site.org");
     (void)cn_guard_knows_origin(text, "localhost:7007");
     (void)cn_guard_same_token(text, "0123456789abcdef0123456789abcdef");
-    cn_guard_cookie_token(text, token);
+    cn_guard_cookie_token(text, 7007, token);
     free(text);
     return 0;
 }

@@ -225,6 +225,9 @@ def measuring(browser):
     browser.key("Enter", "Enter")
     browser.wait("conurb.stage.marks.has('measure')", 60)
     browser.click("#measure")
+    at_once = browser.run("""Promise.race([new Promise((yes) => setTimeout(yes, 60000)),
+        Promise.all([1, 2, 3].map((i) => conurb.picture.probe({...conurb.camera.state(), vfov: i / 10})))])""")
+    check(at_once and len(at_once) == 3, f"depths that are asked for at once are all answered: {at_once}")
     fly_home(browser)
 
 
@@ -347,9 +350,17 @@ def paths(browser):
     browser.wait("conurb.path.keys().length === 3", 20)
     choose(browser, "Width", "160")
     browser.run("conurb.path.keys().splice(2); conurb.path.keys()[0].time = 0; conurb.path.keys()[1].time = 0.3")
+    # The film has the settings of the picture.
+    browser.run("""conurb.picture.setLook({ exposure_ev: 0.5 }); conurb.link.send = function (type, fields) {
+        if (type === 'film') conurb.asked = fields;
+        return Object.getPrototypeOf(this).send.call(this, type, fields); }""")
     browser.click("#render-path")
     browser.wait("conurb.film && conurb.film.state !== 'running'", 300)
     check(browser.run("conurb.film.state") == "done", f"a film is rendered: {browser.run('conurb.film')}")
+    other = browser.run("""['appearance', 'display_view', 'look', 'exposure_ev'].filter((one) =>
+        conurb.asked[one] !== conurb.picture.look[one])""")
+    check(not other, f"the film is as the picture, but for: {other}")
+    browser.run("delete conurb.link.send; conurb.picture.setLook({ exposure_ev: 0 })")
     check(browser.run("conurb.jobFrame") >= 1, "its pictures are shown as they come")
     check(browser.run("document.getElementById('job-told').textContent") == "Film tour: done", "and that it is done")
     browser.run("document.getElementById('tab-look').click()")

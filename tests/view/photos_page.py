@@ -97,6 +97,13 @@ def while_it_trains(browser):
     shoot(browser, "trained")
 
 
+FIGURE = "document.getElementById('photos').textContent.match(/PSNR [0-9.]+ dB/)?.[0]"
+BRIGHT = """(async () => { const { jpeg } = await conurb.link.ask('photo', { name: conurb.city.views[0].name, width: 32,
+    exposure_ev: %d }), map = await createImageBitmap(jpeg), c = new OffscreenCanvas(map.width, map.height);
+    const x = c.getContext('2d'); x.drawImage(map, 0, 0); const d = x.getImageData(0, 0, map.width, map.height).data;
+    return d.reduce((sum, v) => sum + v, 0) / d.length; })()"""
+
+
 def a_photo(browser):
     browser.click("#tab-photos")
     browser.wait("document.querySelectorAll('#photos .card img').length >= 3", 60)
@@ -109,9 +116,35 @@ def a_photo(browser):
     shoot(browser, "beside")
     browser.click("#photo-error")
     browser.wait("document.querySelector('#photos canvas.error')", 60)
-    check("dB" in browser.run("document.getElementById('photos').textContent"), "the error has a figure")
+    figure = browser.run(FIGURE)
+    check(figure, "the error has a figure")
     shoot(browser, "error")
+    browser.run("conurb.picture.setLook({exposure_ev: 3}); document.querySelector('#photos canvas.error').remove()")
+    browser.click("#photo-error")
+    browser.wait("document.querySelector('#photos canvas.error')", 60)
+    check(browser.run(FIGURE) == figure, f"no exposure of the page changes {figure}: {browser.run(FIGURE)}")
+    bright = [browser.run(BRIGHT % exposure) for exposure in (0, 3)]
+    check(bright[1] > bright[0] + 10, f"a photo is shown with the exposure of its render: {bright}")
+    browser.run("conurb.picture.setLook({exposure_ev: 0})")
     browser.run("conurb.compare(null)")
+    many_photos(browser)
+
+
+def many_photos(browser):
+    """All cards of a tall window get their photo, also more than the server takes of a page at once."""
+    browser.call("Emulation.setDeviceMetricsOverride", width=1200, height=12000, deviceScaleFactor=1, mobile=False)
+    n = browser.run("""(() => { const { views } = conurb.city, n = views.length;
+        for (let i = n; i < 100; i++) views.push({ ...views[i % n] });
+        document.getElementById('tab-look').click(); document.getElementById('tab-photos').click(); return n; })()""")
+    cards = "document.querySelectorAll('#photos .card')"
+    browser.wait(f"{cards}.length === 100", 20)
+    try:
+        browser.wait(f"[...{cards}].every((card) => card.querySelector('img'))", 60)
+    except RuntimeError:
+        got = browser.run(f"[...{cards}].filter((card) => card.querySelector('img')).length")
+        check(False, f"all of 100 photos are shown: {got}")
+    browser.run(f"conurb.city.views.splice({n})")
+    browser.call("Emulation.setDeviceMetricsOverride", width=1200, height=760, deviceScaleFactor=1, mobile=False)
 
 
 def transients(browser):

@@ -103,10 +103,16 @@ def pictures():
     check(mixed not in (colour, other), "a mix of the mean and a photo is a third one")
     far = page.ask("view", **view_fields(pose), moving=True, crop=[9e5] * 3 + [9.1e5] * 3)
     check(not any(struct.unpack(f"<{len(far[2]) // 2}e", far[2])), "nothing is left of a crop elsewhere")
+    size = {"width": 64, "height": round(64 / pose["aspect"]), "moving": True, "photo": pose["name"]}
+    elsewhere = {**view_fields(pose), "centre": [0, 0, 999], "vfov_deg": 20, **size}
+    of_photo = page.ask("view", **elsewhere)[1]
+    check(of_photo == page.ask("view", **{**view_fields(pose), **size})[1], "a photo's name gives its pose and lens")
+    check(of_photo != page.ask("view", **{**elsewhere, "photo": ""})[1], "which the page's own are not")
     head, _, tail = page.ask("view", **{**view_fields(pose), "width": 3, "height": 3}, slot=3)
     check(head["jpeg"] == 0 and struct.unpack("<9e", tail)[4] > 0, "a probe says how far it is")
     for fields, text in (({"appearance": "no such photo"}, "no photo is named"),
                          ({"name": "nowhere"}, "no trained tile"),
+                         ({"photo": "nowhere.jpg"}, "nowhere.jpg"),
                          ({"display_view": "nonsense"}, "view")):
         try:
             page.ask("view", **view_fields(pose), **fields)
@@ -173,10 +179,20 @@ def saving():
     page.close()
 
 
+def made_film(page, **fields):
+    """Makes a film of the saved path; what the server says at its end. It may be a moment before the next one begins.
+    """
+    while True:
+        page.send("film", name="round", width=32, **fields)
+        done = page.until(lambda h: h["type"] == "failed" or h["type"] == "film" and h["state"] != "running", 60)[0]
+        if done["type"] == "film":
+            return done
+        time.sleep(0.05)
+
+
 def films():
     page = Page(server)
-    page.send("film", name="round", width=32)
-    done = page.until(lambda h: h["type"] == "film" and h["state"] != "running", 300)[0]
+    done = made_film(page)
     check(done["state"] == "done" and os.path.exists(f"{city}/renders/round/flight.mp4"), f"a film is made: {done}")
     film = page.ask("film_show", name="round")[2]
     with open(f"{city}/renders/round/flight.mp4", "rb") as file:
@@ -187,6 +203,13 @@ def films():
         check(False, "a picture that the film does not have is refused")
     except RuntimeError as error:
         check("09998.png" in str(error), f"a picture that the film does not have: {error}")
+    first = page.ask("film_show", name="round", frame=1)[2]
+    done = made_film(page, exposure_ev=2, display_view="Raw")
+    check(done["state"] == "done" and page.ask("film_show", name="round", frame=1)[2] != first,
+          f"a film has the page's exposure and view: {done}")
+    for fields in ({"display_view": "nonsense"}, {"look": "nonsense"}):
+        done = made_film(page, **fields)
+        check(done["state"] == "failed" and "nonsense" in done["text"], f"a film with {fields}: {done}")
     page.close()
 
 
@@ -225,6 +248,19 @@ def uploads():
     page.close()
 
 
+def two_servers(cookie):
+    """A browser sends the cookies of all servers of a host to each of them, and keeps one of a name."""
+    other = Server(conurb, city, "--host", "0.0.0.0")
+    try:
+        head = http(other, f"/?token={other.token}")[1]
+        kept = dict(one.split("=") for one in (cookie, head["set-cookie"].split(";")[0]))
+        both = "; ".join(f"{name}={value}" for name, value in kept.items())
+        check(http(server, "/main.js", Cookie=both)[0] == 200 and http(other, "/main.js", Cookie=both)[0] == 200,
+              "two servers do not throw out each other's pages")
+    finally:
+        other.stop()
+
+
 def with_a_token():
     global server
     server = Server(conurb, city, "--host", "0.0.0.0")
@@ -240,6 +276,7 @@ def with_a_token():
               "files by cookie")
         check(refused() and refused(cookie=cookie[:-1] + "x"), "no socket without the token")
         Page(server, cookie=cookie).close()
+        two_servers(cookie)
         check(http(server, f"/?token={server.token}", Host="evil.example")[0] == 403, "a foreign name stays out")
     finally:
         check(server.stop()[0] == 0, "the server with a token ends well")

@@ -17,6 +17,19 @@ export function unpack(buffer) {
   return { head, jpeg, tail };
 }
 
+// Runs jobs, which return promises, in order and no more than `most` at a time. An urgent one overtakes those that wait.
+export function queueOf(most) {
+  const waiting = [];
+  let running = 0;
+  const next = () => {
+    for (; running < most && waiting.length; running++) waiting.shift()().finally(() => (running--, next()));
+  };
+  return (job, urgent = false) => new Promise((yes, no) => {
+    waiting[urgent ? "unshift" : "push"](() => job().then(yes, no));
+    next();
+  });
+}
+
 export class Link extends EventTarget {
   constructor() {
     super();

@@ -142,8 +142,8 @@ export function setUpPath(app) {
 
   async function film() {
     await save();
-    const { appearance, display_view, exposure_ev } = picture.look;
-    const id = link.send("film", { name: name.value.trim(), width: +width.value, appearance, display_view, exposure_ev });
+    const { appearance, display_view, look, exposure_ev } = picture.look;
+    const id = link.send("film", { name: name.value.trim(), width: +width.value, appearance, display_view, look, exposure_ev });
     link.waiting.set(id, { yes: () => {}, no: tell });
   }
   link.addEventListener("film", ({ detail }) => {

@@ -1,5 +1,6 @@
 // The photos: flies to where a photo was taken, and compares it with its render.
 import { shortName } from "./light.js";
+import { queueOf } from "./link.js";
 import { byId, check, element, row, say, select } from "./ui.js";
 
 // The mean difference of two pictures, and a picture of it.
@@ -25,7 +26,8 @@ export function setUpPhotos(app) {
   const shown = element("div"), list = element("div", { className: "grid" });
   let city = null, seen = null, chosen = null;
 
-  const fetchPhoto = (name, width) => link.ask("photo", { name, width }).then(({ jpeg }) => jpeg);
+  const small = queueOf(8); // the server refuses a page that has more than 32 questions open
+  const fetchPhoto = (name, width, display) => link.ask("photo", { ...display, name, width }).then(({ jpeg }) => jpeg);
   const image = (blob) => {
     const url = URL.createObjectURL(blob);
     return element("img", { src: url, alt: "", onload: () => URL.revokeObjectURL(url) });
@@ -45,7 +47,8 @@ export function setUpPhotos(app) {
 
   // Shows the photo as the second picture, when the camera is at its pose.
   async function beside() {
-    const bitmap = await createImageBitmap(await fetchPhoto(chosen.name, 1600));
+    const { display_view, look, exposure_ev } = picture.look; // the photo is shown as the render beside it is
+    const bitmap = await createImageBitmap(await fetchPhoto(chosen.name, 1600, { display_view, look, exposure_ev }));
     const { heading, pitch, roll } = app.geometry.anglesOf(chosen.rotation);
     picture.beside = null;
     stage.show(1, bitmap, {
@@ -57,7 +60,8 @@ export function setUpPhotos(app) {
 
   async function error(view, box) {
     const photo = await createImageBitmap(await fetchPhoto(view.name, 480));
-    const jpeg = await picture.thumb(view, { ...picture.look, channel: "colour", appearance: view.name }, photo.width, photo.height, true);
+    // Both as city.yaml shows them, and through the photo's lens: no setting of the page changes the figure.
+    const jpeg = await picture.thumb(view, { appearance: view.name, photo: view.name }, photo.width, photo.height, true);
     const render = await createImageBitmap(jpeg), { image: data, psnr } = differ(photo, render);
     const canvas = element("canvas", { width: data.width, height: data.height, className: "error" });
     canvas.getContext("2d").putImageData(data, 0, 0);
@@ -99,7 +103,7 @@ export function setUpPhotos(app) {
       if (!isIntersecting) continue;
       seen.unobserve(target);
       const view = city.views.find((v) => v.name === target.dataset.name);
-      const got = city.pixels ? fetchPhoto(view.name, 160)
+      const got = city.pixels ? small(() => fetchPhoto(view.name, 160))
         : picture.thumb(view, { appearance: view.held_out ? "" : view.name }, 96, Math.max(Math.round(96 / view.aspect), 8));
       got.then((jpeg) => target.firstChild.replaceWith(image(jpeg)), () => {});
     }

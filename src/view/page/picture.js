@@ -1,5 +1,6 @@
 // Requests pictures: small ones while the camera moves, one after another; then one that is refined pass by pass.
 import { rotationOf } from "./geometry.js";
+import { queueOf } from "./link.js";
 
 const REST_MS = 160 /* without motion: the camera rests */, GOAL_MS = 100 /* from asking to having, while it moves */;
 const LEAST_PX = 96, MOST_SIDE = 4096, MOST_PIXELS = 4e6;
@@ -20,7 +21,9 @@ export class Picture extends EventTarget {
     this.settling = false; // the camera rests; the picture at rest follows the quick one
     this.wanted = false; // the camera moved and nothing was asked for since
     this.timings = [];
-    this.waiting = []; // small pictures to be asked for
+    // One after another: a slot holds one picture, and the server does not answer for one that another replaced.
+    this.thumbs = queueOf(1);
+    this.probes = queueOf(1);
     link.addEventListener("frame", (e) => this.take(e.detail));
     link.addEventListener("failed", (e) => this.fail(e.detail));
     link.addEventListener("open", () => this.reset());
@@ -149,28 +152,16 @@ export class Picture extends EventTarget {
 
   // One small picture that is not drawn on the stage: resolves with its JPEG. An urgent one overtakes those that wait.
   thumb(pose, look, width = 160, height = 120, urgent = false) {
-    return this.queue(urgent, () => this.link.ask("view", {
+    return this.thumbs(() => this.link.ask("view", {
       ...look, slot: 2, moving: true, width, height, vfov_deg: pose.vfov_deg, centre: pose.centre, rotation: pose.rotation,
-    }).then(({ jpeg }) => jpeg));
+    }).then(({ jpeg }) => jpeg), urgent);
   }
 
   // Depth in metres along the ray through a place in the picture; 0: nothing there.
   probe(state) {
-    return this.link.ask("view", {
+    return this.probes(() => this.link.ask("view", {
       slot: 3, moving: true, width: 3, height: 3, vfov_deg: state.vfov ?? 0.2, centre: state.centre,
       rotation: state.rotation ?? rotationOf(state), blend: this.look.blend, name: this.look.name, crop: this.look.crop,
-    }).then(({ head }) => head.depth[Math.floor(head.depth.length / 2)]);
-  }
-
-  // One after another: a slot holds one picture.
-  queue(urgent, job) {
-    return new Promise((yes, no) => {
-      const run = () => job().then(yes, no).finally(() => {
-        this.running = this.waiting.shift();
-        this.running?.();
-      });
-      if (this.running) this.waiting[urgent ? "unshift" : "push"](run);
-      else (this.running = run)();
-    });
+    }).then(({ head }) => head.depth[Math.floor(head.depth.length / 2)]));
   }
 }

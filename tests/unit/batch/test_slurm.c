@@ -160,6 +160,56 @@ static void test_dependencies(void **state)
     expect_recorded("21", "24", 4);
 }
 
+static size_t lines_of(const char *text)
+{
+    size_t n = 0;
+    for (const char *c = text; (c = strchr(c, '\n')); c++)
+        n++;
+    return n;
+}
+
+/* Slurm takes 1000 tasks in an array: 2100 tiles are three, and what follows waits for them all. */
+static void test_more_tasks_than_an_array_has(void **state)
+{
+    (void)state;
+    enum { TILES = 2100 };
+    static char names[TILES][8];
+    static const char *many[TILES];
+    for (int i = 0; i < TILES; i++) {
+        snprintf(names[i], sizeof names[i], "T%d", i);
+        many[i] = names[i];
+    }
+    for (int limited = 0; limited < 2; limited++) {
+        tear_down(NULL);
+        assert_int_equal(set_up(NULL), 0);
+        fake_program("sbatch", "d=${0%/*}; echo x >>\"$d/n\"; echo $((20 + $(wc -l <\"$d/n\")))");
+        options.max_tasks = limited ? 50 : 0;
+        add_job("train", TILES);
+        submission.jobs[0].items = many;
+        add_job("eval", 0);
+        assert_int_equal(cn_submit_slurm(&submission), CN_OK);
+        char *calls = fake_read("calls");
+        const char *limit = limited ? "%50\n--dependency=afterany:22\n--kill-on-invalid-dep=yes\n/" : "\n/";
+        char *third = cn_format("--parsable\n--array=1-100%s", limit);
+        const char *script = strstr(calls, third);
+        assert_non_null(script);
+        assert_null(strstr(calls, "--array=1-2100"));
+        assert_non_null(strstr(calls, "--dependency=afterok:21:22:23\n"));
+        /* The list beside the third script is of the last tiles. */
+        script += strlen(third) - 1;
+        char *list = cn_format("%.*s.items", (int)(strcspn(script, "\n") - strlen(".sbatch")), script), *items;
+        size_t size;
+        assert_int_equal(cn_file_read(list, 1 << 20, &items, &size), CN_OK);
+        assert_int_equal(lines_of(items), 100);
+        assert_memory_equal(items, "T2000\n", 6);
+        free(items);
+        free(list);
+        free(third);
+        free(calls);
+        expect_recorded("21", "24", 4);
+    }
+}
+
 /* What sites print around the id does not become the id. */
 static void test_answers(void **state)
 {
@@ -285,7 +335,7 @@ static void test_live_jobs(void **state)
                            ROW("train", "E5", CN_WORK_LOST, "job 98_1 RUNNING node1"),
                            ROW("match", "", CN_WORK_QUEUED, "job 9 PENDING (Dependency)") };
     const cn_city_state known = { .rows = rows, .n = sizeof rows / sizeof *rows };
-    char train[512] = "", match[512] = "";
+    char train[CN_SUBMIT_LIVE] = "", match[CN_SUBMIT_LIVE] = "";
     cn_submit_find_live(&known, "train", train);
     cn_submit_find_live(&known, "match", match);
     assert_string_equal(train, ":999:99");
@@ -298,6 +348,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_script, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_task_that_ends, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_dependencies, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_more_tasks_than_an_array_has, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_answers, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_no_slurm, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_refused_job_ends_the_submission, set_up, tear_down),

@@ -98,6 +98,24 @@ static void the_same_camera_comes_back(void **state)
     }
 }
 
+/* A path may have times that are not its frames': keyframes for one second in 40 pictures at 25 a second. */
+static void gltf_has_the_times_of_the_film(void **state)
+{
+    (void)state;
+    const cn_path_options o = options(30, 0);
+    cn_path flight, read;
+    make_flight(&flight, FRAMES);
+    for (uint32_t i = 0; i < FRAMES; i++)
+        flight.frames[i].time_s = (double)i / (FRAMES - 1);
+    assert_int_equal(cn_path_save(&flight, glb, &(cn_path_note){ NULL, "a flight" }), CN_OK);
+    assert_int_equal(cn_path_load(&read, glb, &o), CN_OK);
+    assert_int_equal(read.n_frames, FRAMES);
+    for (uint32_t i = 0; i < FRAMES; i++)
+        assert_true(fabs(read.frames[i].time_s - i / 25.0) < 1e-6);
+    cn_path_deinit(&read);
+    cn_path_deinit(&flight);
+}
+
 static cn_status load_text(cn_path *path, const char *text, uint32_t n)
 {
     const cn_path_options o = options(10, n);
@@ -225,9 +243,8 @@ static void what_is_no_camera(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_same_camera_comes_back),
-        cmocka_unit_test(a_chan_of_another_program),
-        cmocka_unit_test(a_camera_on_a_rig),
+        cmocka_unit_test(the_same_camera_comes_back), cmocka_unit_test(gltf_has_the_times_of_the_film),
+        cmocka_unit_test(a_chan_of_another_program),  cmocka_unit_test(a_camera_on_a_rig),
         cmocka_unit_test(what_is_no_camera),
     };
     return cmocka_run_group_tests(tests, begin, end);

@@ -120,6 +120,17 @@ static void channels_come_with_the_picture(void **state)
         const float *n = result.aovs->values[1] + 3 * i, length = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
         assert_true(result.picture->depth[i] > 0 ? fabsf(length - 1) < 1e-3f : length < 1.01f);
     }
+    /* What one tile alone shows is its own. */
+    q.owners = true;
+    q.tile = plain.tile;
+    cn_renderer_release(&job);
+    job = render(r, &q, &result);
+    assert_non_null(result.owners);
+    for (size_t i = 0; i < pixels_of(result.picture); i++) {
+        const uint32_t owner = result.owners[i];
+        assert_true((owner != UINT32_MAX) == (result.picture->rgba[4 * i + 3] > 0));
+        if (owner != UINT32_MAX) assert_string_equal(r->tiles.plan->tiles[owner].id, plain.tile);
+    }
     cn_renderer_release(&without);
     cn_renderer_release(&job);
     cn_renderer_destroy(&r);

@@ -63,13 +63,21 @@ static void tokens(void **state)
     cookie[CN_TOKEN_SIZE - 2] = '\0'; /* one short */
     assert_false(cn_guard_same_token(cookie, a));
 
-    snprintf(cookie, sizeof cookie, "other=1; " CN_GUARD_COOKIE "=%s; more=2", a);
-    cn_guard_cookie_token(cookie, found);
+    char name[CN_GUARD_COOKIE_SIZE], other[CN_GUARD_COOKIE_SIZE];
+    cn_guard_cookie_name(7007, name);
+    cn_guard_cookie_name(65535, other);
+    snprintf(cookie, sizeof cookie, "other=1; %s=%s; %s=%s; more=2", other, b, name, a);
+    cn_guard_cookie_token(cookie, 7007, found);
     assert_string_equal(found, a);
-    cn_guard_cookie_token("not_" CN_GUARD_COOKIE "=x", found);
+    cn_guard_cookie_token(cookie, 65535, found); /* another server of this host */
+    assert_string_equal(found, b);
+    cn_guard_cookie_token(cookie, 700, found);
     assert_string_equal(found, "");
-    snprintf(cookie, sizeof cookie, CN_GUARD_COOKIE "=%s%s", a, b);
-    cn_guard_cookie_token(cookie, found);
+    snprintf(cookie, sizeof cookie, "not_%s=x", name);
+    cn_guard_cookie_token(cookie, 7007, found);
+    assert_string_equal(found, "");
+    snprintf(cookie, sizeof cookie, "%s=%s%s", name, a, b);
+    cn_guard_cookie_token(cookie, 7007, found);
     assert_string_equal(found, "");
 }
 

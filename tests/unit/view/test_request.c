@@ -104,6 +104,23 @@ static void a_crop(void **state)
     assert_int_not_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"crop\":[0,0,0]}"), CN_OK);
 }
 
+static void films_and_photos(void **state)
+{
+    (void)state;
+    cn_ask ask;
+    assert_int_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"width\":64,\"appearance\":\"a.jpg\","
+                                 "\"exposure_ev\":1.5,\"display_view\":\"Un-tone-mapped\",\"look\":\"warm\"}"),
+                     CN_OK);
+    assert_true(ask.kind == CN_ASK_FILM && ask.width == 64 && ask.exposure_ev == 1.5);
+    assert_string_equal(ask.display_view, "Un-tone-mapped");
+    assert_string_equal(ask.look, "warm");
+    assert_int_not_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"exposure_ev\":1e9}"), CN_OK);
+    assert_int_equal(parse(&ask, "{\"type\":\"photo\",\"name\":\"a.jpg\",\"width\":64,\"exposure_ev\":1.5}"), CN_OK);
+    assert_true(ask.kind == CN_ASK_PHOTO && ask.exposure_ev == 1.5);
+    assert_int_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"photo\":\"a.jpg\"}"), CN_OK);
+    assert_string_equal(ask.photo, "a.jpg");
+}
+
 static cn_status upload(cn_ask *ask, const char *head, const char *file, size_t size)
 {
     uint8_t message[512];
@@ -160,8 +177,9 @@ static void saving(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(a_view), cmocka_unit_test(what_makes_no_sense),
-                                        cmocka_unit_test(a_crop), cmocka_unit_test(a_photo_to_fit),
-                                        cmocka_unit_test(names),  cmocka_unit_test(saving) };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_view),         cmocka_unit_test(what_makes_no_sense),
+                                        cmocka_unit_test(a_crop),         cmocka_unit_test(films_and_photos),
+                                        cmocka_unit_test(a_photo_to_fit), cmocka_unit_test(names),
+                                        cmocka_unit_test(saving) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
