@@ -1,6 +1,7 @@
 #include "city/workspace.h"
 
 #include "base/file.h"
+#include "photo/store.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -163,6 +164,16 @@ cn_status cn_dataset_need_pixels(const cn_dataset *dataset)
     if (dataset->pixels) return CN_OK;
     return cn_fail(CN_ERR_DATA, "%s has no pixels.bin, its photos at their working width; run `conurb plan %s` first",
                    folder, folder);
+}
+
+cn_status cn_dataset_pixels_current(const cn_dataset *dataset, bool *current)
+{
+    char *pixels = cn_city_path(dataset->city, "pixels.bin");
+    const cn_status status =
+        pixels ? cn_pixel_store_is_done(&dataset->photos, dataset->city->config.width_px, pixels, current)
+               : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(pixels);
+    return status;
 }
 
 void cn_dataset_deinit(cn_dataset *dataset)

@@ -28,5 +28,7 @@ typedef struct cn_dataset {
 CN_NODISCARD cn_status cn_dataset_load(const cn_context *ctx, const cn_city *city, bool with_plan, cn_dataset *dataset);
 /* CN_ERR_DATA: the pixels do not exist. */
 CN_NODISCARD cn_status cn_dataset_need_pixels(const cn_dataset *dataset);
+/* Whether the pixels are those of the photos, masks and maps as they are now, at the width of city.yaml. */
+CN_NODISCARD cn_status cn_dataset_pixels_current(const cn_dataset *dataset, bool *current);
 void cn_dataset_deinit(cn_dataset *dataset);
 #endif

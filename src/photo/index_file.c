@@ -1,6 +1,7 @@
 /* photos.json. */
-#include "conurb/photo.h"
+#include "photo/index_file.h"
 
+#include "base/hash.h"
 #include "base/json.h"
 
 #include <inttypes.h>
@@ -59,6 +60,19 @@ cn_status cn_photo_index_save(const cn_photo_index *index, const char *path)
     if (status == CN_OK) status = cn_json_save(root, path);
     json_decref(root);
     return status;
+}
+
+cn_status cn_photo_index_hash(const char *path, uint64_t *hash)
+{
+    json_t *root = NULL;
+    CN_TRY(cn_json_load(path, &root));
+    char *text = json_dumps(json_object_get(root, "photos"), JSON_COMPACT | JSON_SORT_KEYS | JSON_ENCODE_ANY);
+    json_decref(root);
+    if (!text)
+        return cn_fail(CN_ERR_FORMAT, "%s: \"photos\" is missing; delete the file and run `conurb poses` again", path);
+    *hash = cn_hash64(text, strlen(text));
+    free(text);
+    return CN_OK;
 }
 
 static cn_status read_ranged(const json_t *o, const char *path, const char *key, int64_t most, int64_t *n)

@@ -6,6 +6,7 @@
 #include "base/json.h"
 #include "conurb/colour.h"
 #include "effect/effect.h"
+#include "photo/index_file.h"
 #include "pose/import.h"
 
 #include <inttypes.h>
@@ -239,11 +240,13 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
                     { "poses/model/images.bin", "the poses" },
                     { "poses/model/points3D.bin", "the sparse points" },
                     { "photos.json", "the list of photos" } };
+    enum { LIST = 3 }; /* a city goes on where its photos were moved, or a file that is no photo lies beside them */
     for (size_t i = 0; i < sizeof parents / sizeof *parents; i++) {
         char *path = cn_city_path(city, parents[i].file);
         uint64_t hash;
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-        const cn_status status = cn_hash_file(path, &hash);
+        const cn_status status =
+            i == LIST && cn_file_exists(path) ? cn_photo_index_hash(path, &hash) : cn_hash_file(path, &hash);
         free(path);
         if (status != CN_OK)
             return cn_fail(CN_ERR_DATA, "%s has no poses yet; run `conurb poses %s` first", city->folder, city->folder);

@@ -7,7 +7,6 @@
 
 #include "base/file.h"
 #include "base/number.h"
-#include "photo/store.h"
 #include "record/record.h"
 
 #include <math.h>
@@ -131,15 +130,6 @@ static cn_status use_plan(const cn_context *ctx, const cn_city *city, cn_dataset
     return status == CN_OK ? show_plan(ctx, city, m) : status;
 }
 
-static cn_status is_built(const cn_city *city, const cn_dataset *m, bool *built)
-{
-    char *pixels = cn_city_path(city, "pixels.bin");
-    const cn_status status = pixels ? cn_pixel_store_is_done(&m->photos, city->config.width_px, pixels, built)
-                                    : cn_fail(CN_ERR_NOMEM, "out of memory");
-    free(pixels);
-    return status;
-}
-
 static cn_status plan_alone(const cn_context *ctx, cn_city *city, const cn_stage *stage, cn_dataset *m)
 {
     cn_city_lock lock;
@@ -178,7 +168,7 @@ cn_status cn_city_plan(const cn_context *ctx, cn_city *city, bool dry_run, bool 
     bool done = !dry_run && cn_stage_done(city, &stage, NULL);
     CN_TRY(cn_dataset_load(ctx, city, false, &m));
     /* Check the store even when the plan is done: a stopped run may have left it at another width. */
-    cn_status status = done ? is_built(city, &m, &done) : CN_OK;
+    cn_status status = done ? cn_dataset_pixels_current(&m, &done) : CN_OK;
     if (status == CN_OK)
         status = dry_run ? make_plan(ctx, city, &m, true, forecast)
                  : done  ? show_plan(ctx, city, &m)

@@ -221,12 +221,26 @@ static cn_status warn_of_old_plan(const cn_context *ctx, const cn_city *city)
     return CN_OK;
 }
 
+/* Else tiles would be trained on the old pixels, and count as trained on the new ones. */
+static cn_status check_pixels(const cn_dataset *m)
+{
+    bool current;
+    if (!m->pixels) return CN_OK; /* said where they are needed */
+    CN_TRY(cn_dataset_pixels_current(m, &current));
+    if (current) return CN_OK;
+    return cn_fail(CN_ERR_DATA,
+                   "%s/pixels.bin is not of the photos, masks and maps as they are now, at the width in city.yaml; run "
+                   "`conurb plan %s`, then train again",
+                   m->city->folder, m->city->folder);
+}
+
 static cn_status train_city(const cn_context *ctx, cn_city *city, const char *tile, int quality, double time_budget_s)
 {
     cn_dataset m;
     CN_TRY(cn_dataset_load(ctx, city, true, &m));
     const cn_train_options options = cn_config_train(&city->config, quality, time_budget_s);
-    cn_status status = warn_of_old_plan(ctx, city);
+    cn_status status = check_pixels(&m);
+    if (status == CN_OK) status = warn_of_old_plan(ctx, city);
     if (status == CN_OK) status = tile ? train_only(ctx, city, &m, tile, &options) : train_all(ctx, city, &m, &options);
     cn_dataset_deinit(&m);
     return status;

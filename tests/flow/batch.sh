@@ -40,6 +40,13 @@ grep -q "match" "$work/out" && bad "a match that is off is listed" || good
 cp "$work/before.yaml" "$town/city.yaml"
 expect 0 "match" "status of the match" "$conurb" status "$town"
 touch "$work/town-photos/008.jpg" && expect 0 "0 of 7 due" "a touch changes nothing" "$conurb" run "$town" --dry-run
+# A file that is no photo, and photos that were moved, change nothing.
+echo "none" >"$work/town-photos/zz.jpg"
+mv "$work/town-photos" "$work/moved-photos"
+sed -i 's/town-photos/moved-photos/' "$town/city.yaml"
+expect 0 "9 photos posed" "poses of moved photos" "$conurb" poses "$town"
+grep -q "moved-photos" "$town/photos.json" && good || bad "photos.json names the old folder"
+expect 0 "0 of 7 due" "moved photos" "$conurb" run "$town" --dry-run
 cp "$town/plan/plan.json" "$work/plan.json"
 sed -i 's/"radius_m": [0-9.]*/"radius_m": 9/' "$town/plan/plan.json"
 expect 0 "plan/plan.json is not what was made" "an artefact that was changed" "$conurb" run "$town" --dry-run

@@ -29,11 +29,17 @@ expect 0 "the plan is done" "the same mask" "$conurb" plan "$town" --no-forecast
 stamps() { cat "$town"/tiles/*/DONE; }
 before=$(stamps)
 mask 2 "$mask"
+expect 4 "run \`conurb plan" "training alone does not take the old mask's pixels" "$conurb" train "$town"
 expect 0 "the masks" "a dry run names what changed" "$conurb" run "$town" --dry-run
 expect 0 "tile" "a plan by the new mask" "$conurb" plan "$town" --no-forecast
 expect 0 "" "training by the new mask" "$conurb" train "$town"
 [ "$before" != "$(stamps)" ] && good || bad "tiles stayed as they were trained by the old mask"
 expect 0 "the plan is done" "the new mask" "$conurb" plan "$town" --no-forecast
+
+sed -i 's/width_px: 48 /width_px: 40 /' "$town/city.yaml"
+expect 4 "at the width in city.yaml" "training alone does not take pixels of another width" "$conurb" train "$town"
+sed -i 's/width_px: 40 /width_px: 48 /' "$town/city.yaml"
+expect 0 "is done" "the width of the pixels" "$conurb" train "$town"
 
 # The plan is done, and its store is not there: another process that holds the plan's lock may be making it.
 rm "$town/pixels.bin"
