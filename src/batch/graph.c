@@ -36,20 +36,41 @@ static cn_status add(grower *g, const char *stage, const char *item, bool done, 
     return CN_OK;
 }
 
+static bool is_there(const char *file)
+{
+    return !file || cn_file_exists(file);
+}
+
+/* The photos as the poses know them. there: false, with the reason, where no file tells them. */
+static cn_status load_photos(const cn_city *city, cn_photo_index *index, bool *there, char *reason)
+{
+    char *path = cn_city_path(city, "photos.json");
+    if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory for the list of what is due");
+    snprintf(reason, CN_REASON_SIZE, "not made yet");
+    *there = cn_file_exists(path);
+    if (*there && cn_photo_index_load(index, path) != CN_OK) {
+        snprintf(reason, CN_REASON_SIZE, "%s", cn_error_message());
+        *there = false;
+    }
+    free(path);
+    return CN_OK;
+}
+
 static cn_status look_at_poses(grower *g, bool quick, bool *done, char *reason)
 {
     cn_photo_index index;
     cn_stage stage;
     if (quick) {
-        char *path = cn_city_path(g->city, "photos.json");
-        cn_status loaded = path ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the list of what is due");
-        const bool there = path && cn_file_exists(path);
-        if (there) loaded = cn_photo_index_load(&index, path);
-        free(path);
-        CN_TRY(loaded);
+        bool there = false;
+        CN_TRY(load_photos(g->city, &index, &there, reason));
         *done = false;
-        snprintf(reason, CN_REASON_SIZE, "not made yet");
         if (!there) return CN_OK;
+        /* A worker of a cluster need not have what the poses were made from. */
+        *done = !is_there(g->city->config.import) || !is_there(g->city->config.control);
+        if (*done) {
+            cn_photo_index_deinit(&index);
+            return CN_OK;
+        }
     } else {
         CN_TRY(cn_photo_index_scan(g->ctx, g->city->config.photos, &index));
     }

@@ -7,8 +7,8 @@
 
 enum { MARKER = 0xff, STUFFED = 0x00, FIRST_RESTART = 0xd0, START = 0xd8, END = 0xd9 };
 
-/* Markers of a length of their own are stepped over, with what they hold: the thumbnail of EXIF ends as well. Bytes
- * between are the picture's, or extraneous. Behind the end phones append films and further pictures. */
+/* Segments with a length are skipped whole: a thumbnail inside EXIF has an end marker too. Bytes between are the
+ * picture's, or extraneous. Behind the end phones append films and further pictures. */
 static bool has_end(const unsigned char *data, size_t size)
 {
     if (size < 2 || data[0] != MARKER || data[1] != START) return false;
@@ -33,7 +33,8 @@ bool cn_jpeg_is_whole(const char *path, const char *warning)
 {
     /* What libjpeg says where pixels are lost. It goes on after other warnings ("Invalid SOS parameters", "N extraneous
      * bytes before marker"), which phones and panorama cameras give cause for, with the picture complete. */
-    static const char *const lost[] = { "remature end", "bad Huffman code", "bad arithmetic code", "instead of RST" };
+    static const char *const lost[] = { "remature end",   "bad Huffman code",  "bad arithmetic code",
+                                        "instead of RST", "before marker 0xd", "Inconsistent progression" };
     char *data;
     size_t size;
     for (size_t i = 0; i < sizeof lost / sizeof *lost; i++)

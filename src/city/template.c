@@ -74,9 +74,8 @@ static char *fill(const char *folder, const char *import, uint32_t width_px)
     size_t size;
     FILE *out = open_memstream(&text, &size);
     if (!out) return NULL;
-    fputs("# A city of Conurb. Commented keys show their defaults; DIR, MODEL, TILES, gcp_list.txt, crossings.geojson "
-          "and\n"
-          "# P4, P7 are examples, and nothing is set there. Relative paths start at this folder.\n"
+    fputs("# A city of Conurb. Commented keys show their defaults. Where they show DIR, MODEL, TILES or another file\n"
+          "# or point, nothing is set. Relative paths start at this folder.\n"
           "version: 1\n",
           out);
     for (uint32_t i = 0; i < cn_key_n_sections; i++)

@@ -2,6 +2,7 @@
 #include "export/height_sampler.h"
 
 #include "math/linalg.h"
+#include "pose/lens.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -64,7 +65,7 @@ static double pixel_size(const cn_survey *survey, const cn_view *view, const dou
     const cn_camera *c = &survey->scene->cameras[view->camera];
     double centre[3];
     cn_view_centre(view, centre);
-    return cn_distance3(centre, xyz) / (c->params[0] * survey->width_px / c->width);
+    return cn_distance3(centre, xyz) / (cn_lens_unpack(c).fx * survey->width_px / c->width);
 }
 
 double cn_export_gsd(const cn_survey *survey)

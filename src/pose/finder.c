@@ -32,14 +32,14 @@ cn_status cn_photo_finder_init(cn_photo_finder *f, const cn_photo_index *index)
 {
     f->n = index->n_photos;
     f->of = index;
-    f->one_folder = true;
+    f->ignores_folders = true;
     f->whole = malloc(sizeof *f->whole * 2 * (f->n + (size_t)1));
     f->bare = f->whole + f->n;
     if (!f->whole) return cn_fail(CN_ERR_NOMEM, "out of memory for the names of %u photos", f->n);
     for (uint32_t i = 0; i < f->n; i++) {
         f->whole[i] = (cn_finder_entry){ index->photos[i].name, i };
         f->bare[i] = (cn_finder_entry){ cn_path_base(index->photos[i].name), i };
-        f->one_folder = f->one_folder && in_same_folder(index->photos[0].name, index->photos[i].name);
+        f->ignores_folders = f->ignores_folders && in_same_folder(index->photos[0].name, index->photos[i].name);
     }
     sort_entries(f->whole, f->n);
     sort_entries(f->bare, f->n);
@@ -110,7 +110,7 @@ int64_t cn_photo_finder_match(const cn_photo_finder *f, const char *path)
     const int64_t exact = cn_photo_finder_find(f, path);
     if (exact >= 0) return exact;
     const char *base = cn_path_base(path);
-    if (f->one_folder) return cn_photo_finder_find(f, base);
+    if (f->ignores_folders) return cn_photo_finder_find(f, base);
     int64_t found = -1;
     uint32_t most = 0;
     for (uint32_t i = lower_bound(f->bare, f->n, base); i < f->n && strcmp(f->bare[i].name, base) == 0; i++) {

@@ -10,7 +10,7 @@ typedef struct cn_finder_entry {
 typedef struct cn_photo_finder {
     cn_finder_entry *whole, *bare; /* sorted by name, and by file name without folder */
     uint32_t n;
-    bool one_folder; /* all photos lie in it, so its name does not tell them apart */
+    bool ignores_folders; /* names of folders tell nothing: all photos lie in one, or a file names others alone */
     const cn_photo_index *of;
 } cn_photo_finder;
 

@@ -50,6 +50,21 @@ typedef struct file_kind {
     bool arbitrary_axes; /* as in cn_import_origin */
 } file_kind;
 
+/* Where none of its folders is one of the collection's, as after all photos were put into one folder for another tool,
+ * the names of files alone count. */
+static cn_status read_names(cn_importer *to, const file_kind *kind)
+{
+    CN_TRY(kind->read(to));
+    if (to->scene->n_views || !to->n_missing || to->finder.ignores_folders) return CN_OK;
+    cn_log(to->ctx, CN_LOG_INFO, "%s: no photo lies in a folder that it names; the names of the files alone count",
+           to->path);
+    cn_scene_deinit(to->scene);
+    memset(to->scene, 0, sizeof *to->scene);
+    to->n_frames = to->n_missing = 0;
+    to->finder.ignores_folders = true;
+    return kind->read(to);
+}
+
 static cn_status read_with(cn_importer *to, const file_kind *kind)
 {
     memset(to->scene, 0, sizeof *to->scene);
@@ -58,7 +73,7 @@ static cn_status read_with(cn_importer *to, const file_kind *kind)
     *strrchr(to->folder, '/') = '\0';
     cn_status status = cn_photo_finder_init(&to->finder, to->index);
     if (status == CN_OK) {
-        status = kind->read(to);
+        status = read_names(to, kind);
         if (status == CN_OK) status = finish(to, kind->raw_pixels);
         cn_photo_finder_deinit(&to->finder);
     }

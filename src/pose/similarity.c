@@ -277,6 +277,17 @@ static void refit(const cn_similarity_task *task, const model *m, double least, 
     }
 }
 
+/* Of the pairs that hypotheses are made by. */
+static double share_of_inliers(const cn_similarity_task *task, const bool *inlier)
+{
+    uint32_t n = 0, n_inliers = 0;
+    for (uint32_t i = 0; i < task->n; i++) {
+        n += has_height(task, i);
+        n_inliers += has_height(task, i) && inlier[i];
+    }
+    return n ? (double)n_inliers / n : 0;
+}
+
 /* The first hypothesis is all pairs, so clean data always works. */
 static cn_status ransac(const cn_similarity_task *task, const model *m, const workspace *room, cn_similarity *best)
 {
@@ -294,7 +305,7 @@ static cn_status ransac(const cn_similarity_task *task, const model *m, const wo
         least = sum;
         *best = s;
         memcpy(inlier, trial_inlier, task->n);
-        double share = pow((double)cn_similarity_count(inlier, task->n) / task->n, m->size);
+        double share = pow(share_of_inliers(task, inlier), m->size);
         needed = share >= 1.0 ? 0.0 : log(1e-6) / log1p(-share);
     }
     if (!isfinite(least)) return cn_fail(CN_ERR_DATA, "the points lie on a line or at one place");

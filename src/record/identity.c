@@ -199,7 +199,6 @@ static cn_status add_masks_and_maps(const cn_city *city, cn_stage *stage)
     const cn_photo_maps *maps = &city->config.maps;
     uint64_t masks, depth, normal;
     CN_TRY(hash_masks(city, &masks));
-    /* Without masks nothing is added, so that older records hold. */
     if (masks) add_hash(&stage->parent, "the masks", masks);
     if (!maps->depth && !maps->normal) return CN_OK;
     CN_TRY(hash_maps(city, &depth, &normal));
@@ -245,10 +244,12 @@ cn_status cn_stage_plan(const cn_city *city, cn_stage *stage)
         char *path = cn_city_path(city, parents[i].file);
         uint64_t hash;
         if (!path) return cn_fail(CN_ERR_NOMEM, "out of memory");
-        const cn_status status =
-            i == LIST && cn_file_exists(path) ? cn_photo_index_hash(path, &hash) : cn_hash_file(path, &hash);
+        const bool there = cn_file_exists(path);
+        cn_status status = CN_OK;
+        if (there) status = i == LIST ? cn_photo_index_hash(path, &hash) : cn_hash_file(path, &hash);
         free(path);
-        if (status != CN_OK)
+        CN_TRY(status);
+        if (!there)
             return cn_fail(CN_ERR_DATA, "%s has no poses yet; run `conurb poses %s` first", city->folder, city->folder);
         add_hash(&stage->parent, parents[i].name, hash);
     }

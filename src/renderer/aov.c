@@ -3,6 +3,7 @@
 
 #include "base/rng.h"
 #include "math/linalg.h"
+#include "pose/lens.h"
 #include "render/density.h"
 
 #include <math.h>
@@ -312,7 +313,7 @@ static cn_status shade(cn_tile_cache *g, shading *s)
     if (s->out->values[COVERAGE]) CN_TRY(find_depths(g, s, tile, &s->depths));
     s->half_m = 1 / (double)cn_box_inv_extent(&tile->box);
     s->span_m = 0.1 * s->half_m;
-    s->pixel = 1 / fmax(s->source->camera->params[0], 1e-9);
+    s->pixel = 1 / fmax(cn_lens_unpack(s->source->camera).fx, 1e-9);
     cn_status status = make_room(s, tile, chunk);
     for (s->first = 0; s->first < all && status == CN_OK; s->first += chunk) {
         s->n = all - s->first < chunk ? all - s->first : chunk;

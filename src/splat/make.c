@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define NEAR 0.1f          /* by the distance of the nearest: what is nearer to the camera is left out */
-#define LEAST_NEAR_M 1e-3f /* where the projection still has all its digits */
+#define NEAR 0.1f /* by the distance that one in a hundred is nearer than: what is nearer to the camera is left out */
+#define LEAST_NEAR_M 1e-3f /* nearer, the projection loses precision in float */
 enum { SAMPLES = 4096 };   /* Gaussians that tell how near the nearest are */
 #define SEEDS 0.8          /* part of the budget; the rest is put where the pictures differ */
 
@@ -104,13 +104,13 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Distance from which a view shows Gaussians: a part of that of its nearest ones, however far the others are. */
+/* Distance from which a view shows Gaussians: a tenth of that of its nearest ones, however far the others are. */
 static float near_of(const cn_splats *splats, const cn_view *view)
 {
     float z[SAMPLES];
     size_t n = 0;
     for (size_t i = 0; i < SAMPLES && i < splats->n; i++) {
-        const float *centre = splats->centre[splats->n > SAMPLES ? i * (splats->n / SAMPLES) : i];
+        const float *centre = splats->centre[splats->n > SAMPLES ? i * splats->n / SAMPLES : i];
         double at = view->translation[2];
         for (int a = 0; a < 3; a++)
             at += view->rotation[6 + a] * (splats->origin[a] + (double)centre[a]);

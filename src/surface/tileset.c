@@ -327,6 +327,13 @@ static cn_status make_tiles(tiler *t)
     memset(t->local, 0xff, (n_vertices + 1) * sizeof *t->local);
     CN_TRY(read_vertices(t));
     CN_TRY(read_triangles(t));
+    /* The tiles of an earlier set are replaced one by one. Should this one be stopped, no file says that both are one.
+     */
+    char *old = cn_path_join(t->folder, "tileset.json");
+    if (!old) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    const cn_status removed = cn_file_remove(old);
+    free(old);
+    CN_TRY(removed);
     node root;
     cn_status status = build(t, top, &root);
     if (status == CN_OK) status = save_tileset(t, &root);

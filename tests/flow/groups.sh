@@ -103,5 +103,5 @@ sed -i 's/group_photos: 18/group_photos: 0/' "$work/few/city.yaml"
 expect 0 "40 photos need no groups" "a split that is not needed" "$conurb" poses "$work/few" --split
 expect 0 "40 photos posed" "poses at once" "$conurb" poses "$work/few"
 [ -e "$work/few/poses/groups/groups.json" ] && bad "groups of a city that has none" || good
-expect 0 "groups of photos are mapped by " "doctor names the mapper" "$conurb" doctor "$work"
+expect 0 "global mapper" "doctor names the mapper" "$conurb" doctor "$work"
 finish

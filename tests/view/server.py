@@ -182,12 +182,13 @@ def saving():
 def made_film(page, **fields):
     """Makes a film of the saved path; what the server says at its end. It may be a moment before the next one begins.
     """
-    while True:
+    for _ in range(200):
         page.send("film", name="round", width=32, **fields)
-        done = page.until(lambda h: h["type"] == "failed" or h["type"] == "film" and h["state"] != "running", 60)[0]
-        if done["type"] == "film":
-            return done
+        done = page.until(lambda h: h["type"] == "failed" or h["type"] == "film" and h["state"] != "running", 300)[0]
+        if done["type"] == "film" or "already" not in str(done):
+            break
         time.sleep(0.05)
+    return done
 
 
 def films():

@@ -25,7 +25,7 @@ export function queueOf(most) {
     for (; running < most && waiting.length; running++) waiting.shift()().finally(() => (running--, next()));
   };
   return (job, urgent = false) => new Promise((yes, no) => {
-    waiting[urgent ? "unshift" : "push"](() => job().then(yes, no));
+    waiting[urgent ? "unshift" : "push"](() => Promise.resolve().then(job).then(yes, no));
     next();
   });
 }

@@ -14,11 +14,13 @@ export function setUpMeasure(app) {
   let places = [], on = false;
 
   const place = async ([x, y]) => {
-    const ray = rayOf(camera, camera.aspect, x, y), depth = await picture.probe(along(camera.state(), ray));
-    return depth ? add(camera.centre, scale(ray, depth)) : null;
+    const from = camera.state(), ray = rayOf(camera, camera.aspect, x, y); // the camera may move before the answer
+    const depth = await picture.probe(along(from, ray));
+    return depth ? add(from.centre, scale(ray, depth)) : null;
   };
   async function take(at) {
     const found = await place(at);
+    if (!on) return;
     if (!found) return say("There is nothing to measure to; click on something solid.", true);
     places = places.length === 2 ? [found] : [...places, found];
     const cross3 = places.flatMap((p) => [0, 1, 2].flatMap((axis) => [-1, 1].map((s) =>

@@ -48,11 +48,12 @@ export function setUpPhotos(app) {
   // Shows the photo as the second picture, when the camera is at its pose.
   async function beside() {
     const { display_view, look, exposure_ev } = picture.look; // the photo is shown as the render beside it is
-    const bitmap = await createImageBitmap(await fetchPhoto(chosen.name, 1600, { display_view, look, exposure_ev }));
-    const { heading, pitch, roll } = app.geometry.anglesOf(chosen.rotation);
+    const view = chosen; // another may be chosen meanwhile
+    const bitmap = await createImageBitmap(await fetchPhoto(view.name, 1600, { display_view, look, exposure_ev }));
+    const { heading, pitch, roll } = app.geometry.anglesOf(view.rotation);
     picture.beside = null;
     stage.show(1, bitmap, {
-      camera: { centre: [...chosen.centre], heading, pitch, roll, vfov: chosen.vfov_deg }, aspect: bitmap.width / bitmap.height,
+      camera: { centre: [...view.centre], heading, pitch, roll, vfov: view.vfov_deg }, aspect: bitmap.width / bitmap.height,
     });
     bitmap.close();
     app.showDivider(true, "Render", "Photo");

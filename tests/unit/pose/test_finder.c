@@ -103,6 +103,25 @@ static void test_import(void **state)
     unlink(path);
 }
 
+/* All photos were put into one folder for another tool. */
+static void test_flattened_import(void **state)
+{
+    (void)state;
+    static const char text[] = "{\"fl_x\":500,\"frames\":[" FRAME("images/2.jpg") "," FRAME("images/4.jpg") "]}";
+    char path[] = "/tmp/conurb-finder-XXXXXX";
+    cn_scene scene;
+    const int fd = mkstemp(path);
+    assert_true(fd >= 0 && close(fd) == 0);
+    assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
+    assert_int_equal(cn_scene_read_transforms(&CONTEXT, &scene, path, &photo_index), CN_OK);
+    assert_int_equal(scene.n_views, 2);
+    assert_string_equal(scene.views[0].name, "cam0/2.jpg");
+    assert_string_equal(scene.views[1].name, "day/cam1/4.jpg");
+    assert_non_null(strstr(logged, "the names of the files alone count"));
+    cn_scene_deinit(&scene);
+    unlink(path);
+}
+
 static void test_control(void **state)
 {
     (void)state;
@@ -126,6 +145,6 @@ static void test_control(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { TEST(test_match), TEST(test_one_folder), TEST(test_import),
-                                        TEST(test_control) };
+                                        TEST(test_flattened_import), TEST(test_control) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

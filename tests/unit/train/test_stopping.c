@@ -124,6 +124,10 @@ static void test_a_slow_start_does_not_end_a_budget(void **state)
     sleeps = true;
     assert_int_equal(train(96 + 48), CN_ERR_INTERRUPTED);
     assert_int_equal(total, before);
+    /* Later the steps of this process count, without the first ones. */
+    sleeps = true;
+    assert_int_equal(train(96 + 48 + 80), CN_ERR_INTERRUPTED);
+    assert_true(total != before && total > 1000);
 }
 
 int main(void)
