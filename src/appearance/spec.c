@@ -7,6 +7,7 @@
 #include "base/number.h"
 #include "base/rng.h"
 #include "math/linalg.h"
+#include "pose/scene.h"
 #include "tile/model.h"
 
 #include <math.h>
@@ -312,9 +313,8 @@ static cn_status matched(const cn_appearance_cache *cache, cn_appearance_kind ki
 
 static const cn_view *view_of(const cn_dataset *m, const char *photo)
 {
-    for (uint32_t i = 0; i < m->scene.n_views; i++)
-        if (strcmp(m->scene.views[i].name, photo) == 0) return &m->scene.views[i];
-    return NULL;
+    const int64_t i = cn_scene_find_view(&m->scene, photo);
+    return i < 0 ? NULL : &m->scene.views[i];
 }
 
 enum { FIT_RAYS = 4096, STREAM_X = 40, STREAM_Y = 41 };

@@ -155,53 +155,50 @@ static cn_status load_photos(const cn_city *city, cn_photo_index *index)
 }
 
 /* Hashes of the depth maps and of the normal maps, and of how they are read. */
-static cn_status hash_maps(const cn_city *city, uint64_t *depth, uint64_t *normal)
+static cn_status hash_maps(const cn_photo_maps *maps, cn_photo_index *index, uint64_t *depth, uint64_t *normal)
 {
-    const cn_photo_maps *maps = &city->config.maps;
-    cn_photo_index index;
     uint32_t n;
-    CN_TRY(load_photos(city, &index));
     *depth = cn_hash_text(0, "%d %d", (int)maps->kind, (int)maps->along);
     *normal = cn_hash_text(0, "%d", (int)maps->normal_axes);
-    cn_status status = cn_photo_index_find_maps(&index, maps, &n);
-    for (uint32_t i = 0; i < index.n_photos && status == CN_OK; i++) {
-        const cn_photo *photo = &index.photos[i];
+    cn_status status = cn_photo_index_find_maps(index, maps, &n);
+    for (uint32_t i = 0; i < index->n_photos && status == CN_OK; i++) {
+        const cn_photo *photo = &index->photos[i];
         status = add_map(photo, photo->depth, depth);
         if (status == CN_OK) status = add_map(photo, photo->normal, normal);
     }
-    cn_photo_index_deinit(&index);
     return status;
 }
 
 /* Hash of the masks' bytes; 0 where no photo has a mask. One that cannot be read is reported later, when the photos are
  * read. */
-static cn_status hash_masks(const cn_city *city, uint64_t *hash)
+static cn_status hash_masks(const cn_photo_index *index, uint64_t *hash)
 {
-    cn_photo_index index;
-    CN_TRY(load_photos(city, &index));
     cn_status status = CN_OK;
     *hash = 0;
-    for (uint32_t i = 0; i < index.n_photos && status == CN_OK; i++) {
+    for (uint32_t i = 0; i < index->n_photos && status == CN_OK; i++) {
         uint64_t one = 0;
-        if (!index.photos[i].mask) continue;
-        char *mask = cn_path_join(index.folder, index.photos[i].mask);
+        if (!index->photos[i].mask) continue;
+        char *mask = cn_path_join(index->folder, index->photos[i].mask);
         if (!mask) status = cn_fail(CN_ERR_NOMEM, "out of memory");
         if (mask && cn_hash_file(mask, &one) != CN_OK) one = 0;
-        *hash = cn_hash_text(*hash, "%s %016" PRIx64, index.photos[i].name, one);
+        *hash = cn_hash_text(*hash, "%s %016" PRIx64, index->photos[i].name, one);
         free(mask);
     }
-    cn_photo_index_deinit(&index);
     return status;
 }
 
 static cn_status add_masks_and_maps(const cn_city *city, cn_stage *stage)
 {
     const cn_photo_maps *maps = &city->config.maps;
-    uint64_t masks, depth, normal;
-    CN_TRY(hash_masks(city, &masks));
+    const bool has_maps = maps->depth || maps->normal;
+    cn_photo_index index;
+    uint64_t masks = 0, depth = 0, normal = 0;
+    CN_TRY(load_photos(city, &index));
+    cn_status status = hash_masks(&index, &masks);
+    if (status == CN_OK && has_maps) status = hash_maps(maps, &index, &depth, &normal);
+    cn_photo_index_deinit(&index);
+    CN_TRY(status);
     if (masks) add_hash(&stage->parent, "the masks", masks);
-    if (!maps->depth && !maps->normal) return CN_OK;
-    CN_TRY(hash_maps(city, &depth, &normal));
     if (maps->depth) add_hash(&stage->parent, "the depth maps", depth);
     if (maps->normal) add_hash(&stage->parent, "the normal maps", normal);
     return CN_OK;

@@ -85,41 +85,39 @@ static void test_one_folder(void **state)
 
 #define FRAME(file) "{\"file_path\":\"" file "\",\"transform_matrix\":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}"
 
+static void read_frames(const char *text, cn_scene *scene)
+{
+    char path[] = "/tmp/conurb-finder-XXXXXX";
+    const int fd = mkstemp(path);
+    assert_true(fd >= 0 && close(fd) == 0);
+    assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
+    assert_int_equal(cn_scene_read_transforms(&CONTEXT, scene, path, &photo_index), CN_OK);
+    unlink(path);
+}
+
 /* The pose of a photo that is not there is no pose of another camera's photo of that name. */
 static void test_import(void **state)
 {
     (void)state;
-    static const char text[] = "{\"fl_x\":500,\"frames\":[" FRAME("cam0/2.jpg") "," FRAME("cam1/2.jpg") "]}";
-    char path[] = "/tmp/conurb-finder-XXXXXX";
     cn_scene scene;
-    const int fd = mkstemp(path);
-    assert_true(fd >= 0 && close(fd) == 0);
-    assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
-    assert_int_equal(cn_scene_read_transforms(&CONTEXT, &scene, path, &photo_index), CN_OK);
+    read_frames("{\"fl_x\":500,\"frames\":[" FRAME("cam0/2.jpg") "," FRAME("cam1/2.jpg") "]}", &scene);
     assert_int_equal(scene.n_views, 1);
     assert_string_equal(scene.views[0].name, "cam0/2.jpg");
     assert_non_null(strstr(logged, "photo cam1/2.jpg is not in the collection"));
     cn_scene_deinit(&scene);
-    unlink(path);
 }
 
 /* All photos were put into one folder for another tool. */
 static void test_flattened_import(void **state)
 {
     (void)state;
-    static const char text[] = "{\"fl_x\":500,\"frames\":[" FRAME("images/2.jpg") "," FRAME("images/4.jpg") "]}";
-    char path[] = "/tmp/conurb-finder-XXXXXX";
     cn_scene scene;
-    const int fd = mkstemp(path);
-    assert_true(fd >= 0 && close(fd) == 0);
-    assert_int_equal(cn_file_write(path, text, strlen(text)), CN_OK);
-    assert_int_equal(cn_scene_read_transforms(&CONTEXT, &scene, path, &photo_index), CN_OK);
+    read_frames("{\"fl_x\":500,\"frames\":[" FRAME("images/2.jpg") "," FRAME("images/4.jpg") "]}", &scene);
     assert_int_equal(scene.n_views, 2);
     assert_string_equal(scene.views[0].name, "cam0/2.jpg");
     assert_string_equal(scene.views[1].name, "day/cam1/4.jpg");
     assert_non_null(strstr(logged, "the names of the files alone count"));
     cn_scene_deinit(&scene);
-    unlink(path);
 }
 
 static void test_control(void **state)
