@@ -14,7 +14,7 @@ enum { FIRST_HARMONIC = 1 };     /* the harmonics of degree 1 are the direction 
 #define OF_DIRECTION 2.04665342f /* ... times this, up to order and sign */
 
 static const cn_field_option options[] = {
-    { "frequencies", "of place, each twice the one before", 1, 14, { 8, 10, 10, 10, 10 }, true },
+    { "frequencies", "of place, each twice the one before", 1, 14, { 9, 11, 11, 11, 11 }, true },
     { "direction_frequencies", "of direction", 0, 6, { 4, 4, 4, 4, 4 }, true },
     { "depth", "hidden layers of the density network", 1, CN_STACK_DEPTH, { 4, 6, 8, 8, 6 }, true },
     { "width", "units of each of them", 8, 256, { 64, 128, 256, 256, 96 }, true },
@@ -141,7 +141,11 @@ static float oscillate_backward(const float *rows, const float *d_rows, uint32_t
     return d;
 }
 
-/* The tile's box is -1 .. 1. Rows: the position, the frequencies axis by axis, and ones. */
+/* The tile's box is -1 .. 1, and what is outside it reaches to -2 and 2. The lowest frequency has one period over all
+ * of this, because places that are a period apart would have the same rows. */
+#define OF_POSITION 0.5f
+
+/* Rows: the position, the frequencies axis by axis, and ones. */
 static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, const cn_field_encoding *of)
 {
     (void)k, (void)encoder;
@@ -152,7 +156,7 @@ static void encode(const cn_field *field, const cn_kernel *k, uint32_t encoder, 
             for (size_t a = 0; a < 3; a++) {
                 const float x = 4 * of->pos[(p * 3 + a) * CN_PANEL + lane] - 2;
                 out[a * CN_PANEL] = x;
-                oscillate(x, n, out + (3 + a * 2 * n) * CN_PANEL, CN_PANEL);
+                oscillate(OF_POSITION * x, n, out + (3 + a * 2 * n) * CN_PANEL, CN_PANEL);
             }
             for (size_t r = 3 + 6 * (size_t)n; r < field->enc_rows; r++)
                 out[r * CN_PANEL] = 1;
@@ -175,10 +179,10 @@ static void position_gradient(const cn_field *field, const uint32_t *table, cons
         const float *d = d_enc + panel * field->enc_rows * CN_PANEL + lane;
         for (size_t a = 0; a < 3; a++) {
             float rows[2 * 14], d_rows[2 * 14];
-            oscillate(4 * pos[(panel * 3 + a) * CN_PANEL + lane] - 2, frequencies, rows, 1);
+            oscillate(OF_POSITION * (4 * pos[(panel * 3 + a) * CN_PANEL + lane] - 2), frequencies, rows, 1);
             for (size_t r = 0; r < 2 * (size_t)frequencies; r++)
                 d_rows[r] = d[(3 + a * 2 * frequencies + r) * CN_PANEL];
-            d_pos[i][a] = 4 * (d[a * CN_PANEL] + oscillate_backward(rows, d_rows, frequencies, 1));
+            d_pos[i][a] = 4 * (d[a * CN_PANEL] + OF_POSITION * oscillate_backward(rows, d_rows, frequencies, 1));
         }
     }
 }
