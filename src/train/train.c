@@ -41,8 +41,8 @@ typedef struct run {
     char *unfinished;              /* the tile at the last checkpoint, for conurb view */
     FILE *log;
     double started, saved, reported;
-    double warm_s; /* when the first steps of this process were over (fit_budget) */
-    uint32_t first_step;
+    double warm_s;              /* when the first steps of this process were over (fit_budget) */
+    uint32_t first_step, whole; /* whole: steps of the schedule, before validation cuts it */
     double error; /* error of the last steps and number of its rays; both are halved every PSNR_STEPS steps */
     uint64_t rays;
     uint64_t samples, steps;    /* since the start of this process */
@@ -122,7 +122,12 @@ static cn_status roll_back(run *r)
     bool there = false;
     if (cn_file_exists(r->good) && cn_trainer_load_checkpoint(t, r->key, r->good, &there) != CN_OK)
         cn_log(t->ctx, CN_LOG_WARN, "%s", cn_error_message());
-    if (!there) CN_TRY(cn_trainer_restart(t));
+    if (!there) {
+        CN_TRY(cn_trainer_restart(t));
+        if (t->ending) t->options.steps = r->whole;
+        t->ending = false;
+    }
+    r->curve = (cn_curve){ 0 }; /* what diverged says nothing of what is learned from here on */
     t->bad_rays = bad_rays;
     t->monitor = monitor;
     r->error = 0;
@@ -295,6 +300,7 @@ static cn_status start(run *r, const cn_context *ctx, const cn_train_input *inpu
     t->ctx = ctx;
     CN_TRY(cn_distil_open(&t->distil, options, input->tile->id, cn_pool_threads(ctx->pool)));
     CN_TRY(cn_trainer_plan(t, input, options, cn_pool_threads(ctx->pool)));
+    r->whole = t->options.steps;
     if (t->options.steps < options->steps && !(options->time_budget_s > 0))
         cn_log(
             ctx, CN_LOG_INFO,
