@@ -15,6 +15,7 @@
 #include "effect/sky_hints.h"
 
 #include "effect/display.h"
+#include "effect/sky_even.h"
 #include "effect/sky_points.h"
 #include "effect/sky_turn.h"
 #include "math/linalg.h"
@@ -469,7 +470,10 @@ bool cn_sky_hints_find(const cn_plan_input *input, const cn_plan_tile *tile, uin
     sky_photo *sky = malloc(sizeof *sky);
     const bool room = sky && cn_sky_points_find(input->scene, tile, &points);
     for (uint32_t p = 0; room && p < tile->n_photos; p++)
-        if (find_sky(input, tile->photos[p], &points, sky)) give_hints(sky, hint + (size_t)p * N);
+        if (find_sky(input, tile->photos[p], &points, sky)) {
+            give_hints(sky, hint + (size_t)p * N);
+            cn_sky_even_keep(input->pixels, input->scene->views[tile->photos[p]].photo, hint + (size_t)p * N);
+        }
     cn_sky_points_deinit(&points);
     free(sky);
     return room;
