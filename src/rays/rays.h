@@ -47,16 +47,18 @@ cn_box_units cn_box_units_of(const cn_box *box);
 /* Real spherical harmonics up to degree 3 (16 values) of a unit direction. Sloan 2008. */
 void cn_rays_harmonics(const float dir[3], float out[16]);
 /* The views of cn_rays_visible_cells. */
+enum { CN_ALONE_X = 8, CN_ALONE_Y = 6, CN_ALONE_PARTS = CN_ALONE_X * CN_ALONE_Y };
 typedef struct cn_seeing_views {
     uint32_t n;
     const cn_ray_generator *generators; /* [n] */
-    const float *alone_from_m;          /* [n] beyond this distance one view is enough, without a second one;
-                                         * INFINITY: never */
+    const float *alone_from_m; /* [n][CN_ALONE_Y][CN_ALONE_X] parts of a view's picture: beyond this distance one view
+                                * is enough, without a second one; INFINITY: never. NULL: never */
 } cn_seeing_views;
 
 /* Fills usable[CN_OCC_CELLS]. A cell is usable when two of the views see it, when the only view sees it, or when one
- * view sees it from beyond its alone_from_m. All with a margin. Takes long: runs on the pool. */
-void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable);
+ * view sees it from beyond its alone_from_m. A cell at a picture's edge counts as seen. Of more than 512 views that may
+ * see the surroundings of a cell, 512 are asked. Takes long: runs on the pool. False: out of memory. */
+bool cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable);
 /* Where each view shows that nothing is in front of the sky. */
 typedef struct cn_clear_maps {
     uint32_t columns, rows;   /* a map covers its view's whole picture */
@@ -65,7 +67,8 @@ typedef struct cn_clear_maps {
 } cn_clear_maps;
 
 /* Sets usable[cell] to 0 for each cell that lies wholly, with a margin of one place, where two of the views are clear,
- * or where the only view is. alone_from_m is not used, and may be NULL. Takes long: runs on the pool. */
-void cn_rays_clear_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, const cn_clear_maps *maps,
+ * or where the only view is. alone_from_m is not used. Asks as many views. Takes long: runs on the pool. False: out of
+ * memory. */
+bool cn_rays_clear_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, const cn_clear_maps *maps,
                          uint8_t *usable);
 #endif

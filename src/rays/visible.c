@@ -7,28 +7,30 @@
 #include "rays/rays.h"
 
 #include <math.h>
+#include <stdlib.h>
 
-/* At most this many views are tested for a cell. Two views that see it are enough, and views that are far apart find
- * them. Not measured apart. */
+/* At most this many of the views that may see a block are tested for its cells. Two views that see a cell are enough,
+ * and views that are far apart find them. Not measured apart. */
 enum { MAX_ASKED = 512 };
 enum { BLOCK = 8, BLOCKS = CN_OCC_RES / BLOCK, CELLS = BLOCK * BLOCK * BLOCK };
-/* A cell outside the picture, but nearer to it than this share of its size, counts as seen. */
+/* A cell whose centre is outside the picture counts as seen if it is not farther from it than its own half diagonal,
+ * and than this share of the picture's size. */
 #define MARGIN 0.02
 
 /* A view that is asked. */
 typedef struct asked_view {
     const cn_ray_generator *generator;
     cn_lens_view lens;
-    double alone_from_m;
-    const uint8_t *clearance; /* its map */
-    double widest;            /* angle to the axis; no ray of the picture and its margin is beyond it */
+    const float *alone_from_m; /* [CN_ALONE_PARTS]; NULL: never alone */
+    const uint8_t *clearance;  /* its map */
+    double widest;             /* angle to the axis; no ray of the picture and its margin is beyond it */
 } asked_view;
 
 typedef struct visible_task {
     const cn_box *box;
     uint8_t *usable;
-    uint32_t n_asked, needed; /* needed: views that see a usable cell, or that look through a clear one */
-    asked_view asked[MAX_ASKED];
+    uint32_t n, needed;        /* needed: views that see a usable cell, or that look through a clear one */
+    asked_view *views;         /* [n] */
     const cn_clear_maps *maps; /* NULL: the cells that are seen are wanted, not those that are clear */
 } visible_task;
 
@@ -61,17 +63,33 @@ static void place_in_camera(const cn_ray_generator *g, const cn_box *box, const 
     cn_mat3_tvec(g->world_from_cam, rel, cam);
 }
 
-/* Whether a view sees a place of the box, and from how far. */
-static bool sees(const asked_view *v, const cn_box *box, const double x[3], double *distance_m)
+/* A place as a view sees it. */
+typedef struct seen_place {
+    double distance_m, xy[2]; /* xy: pixels */
+} seen_place;
+
+/* Whether a view sees a place of the box, or what is nearer to it than reach_m. */
+static bool sees(const asked_view *v, const cn_box *box, const double x[3], double reach_m, seen_place *at)
 {
     const cn_ray_generator *g = v->generator;
-    double cam[3], xy[2];
+    double cam[3];
     place_in_camera(g, box, x, cam);
-    if (!cn_lens_project(&v->lens, cam, xy)) return false;
-    *distance_m = sqrt(cn_dot3(cam, cam));
-    const double margin_x = MARGIN * g->camera.width, margin_y = MARGIN * g->camera.height;
-    return xy[0] > -margin_x && xy[1] > -margin_y && xy[0] < g->camera.width + margin_x &&
-           xy[1] < g->camera.height + margin_y;
+    if (!cn_lens_project(&v->lens, cam, at->xy)) return false;
+    at->distance_m = sqrt(cn_dot3(cam, cam));
+    const double angle = reach_m / at->distance_m, margin_x = fmin(MARGIN * g->camera.width, v->lens.fx * angle),
+                 margin_y = fmin(MARGIN * g->camera.height, v->lens.fy * angle);
+    return at->xy[0] > -margin_x && at->xy[1] > -margin_y && at->xy[0] < g->camera.width + margin_x &&
+           at->xy[1] < g->camera.height + margin_y;
+}
+
+/* Whether what stands there may be known from this view alone. */
+static bool is_far_enough(const asked_view *v, const seen_place *at)
+{
+    const cn_camera *camera = &v->generator->camera;
+    if (!v->alone_from_m) return false;
+    const double x = at->xy[0] * CN_ALONE_X / camera->width, y = at->xy[1] * CN_ALONE_Y / camera->height;
+    const int column = (int)fmin(fmax(x, 0), CN_ALONE_X - 1), row = (int)fmin(fmax(y, 0), CN_ALONE_Y - 1);
+    return at->distance_m >= (double)v->alone_from_m[row * CN_ALONE_X + column];
 }
 
 /* Whether the view may see a part of the ball. */
@@ -116,14 +134,14 @@ static void block_init(block *b, uint32_t x, uint32_t y, uint32_t z, const cn_bo
 }
 
 /* The views that see a cell go to the front of the list, because the next cell is near it. */
-static bool is_usable(const visible_task *task, const double x[3], const asked_view **views, uint32_t n)
+static bool is_usable(const visible_task *task, const double x[3], double reach_m, const asked_view **views, uint32_t n)
 {
     uint32_t seen = 0;
     for (uint32_t i = 0; i < n && seen < task->needed; i++) {
         const asked_view *v = views[i];
-        double distance_m;
-        if (!sees(v, task->box, x, &distance_m)) continue;
-        if (distance_m >= v->alone_from_m) return true;
+        seen_place at;
+        if (!sees(v, task->box, x, reach_m, &at)) continue;
+        if (is_far_enough(v, &at)) return true;
         views[i] = views[seen];
         views[seen++] = v;
     }
@@ -160,6 +178,20 @@ static bool is_clear(const visible_task *task, uint32_t cell, const double x[3],
     return clear >= task->needed;
 }
 
+/* Of the views that may see the block, at most MAX_ASKED, evenly. */
+static uint32_t choose_views(const visible_task *task, const block *b, const asked_view **views)
+{
+    uint32_t may = 0, met = 0, n = 0;
+    for (uint32_t i = 0; i < task->n; i++)
+        may += may_see(&task->views[i], task->box, b->ball_centre, b->ball_radius_m);
+    const uint32_t wanted = may < MAX_ASKED ? may : MAX_ASKED;
+    for (uint32_t i = 0; i < task->n && n < wanted; i++)
+        if (may_see(&task->views[i], task->box, b->ball_centre, b->ball_radius_m) &&
+            met++ == (uint64_t)n * may / wanted)
+            views[n++] = &task->views[i];
+    return n;
+}
+
 static void visible_slice(void *user, size_t slice, unsigned worker)
 {
     (void)worker;
@@ -167,44 +199,45 @@ static void visible_slice(void *user, size_t slice, unsigned worker)
     for (uint32_t x = 0; x < BLOCKS; x++) {
         block b;
         const asked_view *views[MAX_ASKED];
-        uint32_t n = 0;
         block_init(&b, x, (uint32_t)slice % BLOCKS, (uint32_t)slice / BLOCKS, task->box);
-        for (uint32_t i = 0; i < task->n_asked; i++)
-            if (may_see(&task->asked[i], task->box, b.ball_centre, b.ball_radius_m)) views[n++] = &task->asked[i];
+        const uint32_t n = choose_views(task, &b, views);
         for (uint32_t i = 0; i < CELLS; i++) {
             uint8_t *usable = &task->usable[b.cell[i]];
             if (!task->maps)
-                *usable = is_usable(task, b.centre[i], views, n);
+                *usable = is_usable(task, b.centre[i], b.ball_radius_m / (BLOCK - 1), views, n);
             else if (*usable && is_clear(task, b.cell[i], b.centre[i], views, n))
                 *usable = 0;
         }
     }
 }
 
-static void ask(visible_task *task, cn_pool *pool, const cn_seeing_views *views)
+static bool ask(visible_task *task, cn_pool *pool, const cn_seeing_views *views)
 {
     task->needed = views->n < 2 ? views->n : 2;
-    task->n_asked = views->n < MAX_ASKED ? views->n : MAX_ASKED;
-    for (uint32_t i = 0; i < task->n_asked; i++) {
-        const uint64_t view = (uint64_t)i * views->n / task->n_asked;
-        const cn_ray_generator *g = &views->generators[view];
-        asked_view *v = &task->asked[i];
+    task->n = views->n;
+    task->views = malloc(sizeof *task->views * (views->n + 1u));
+    if (!task->views) return false;
+    for (uint32_t i = 0; i < views->n; i++) {
+        const cn_ray_generator *g = &views->generators[i];
+        asked_view *v = &task->views[i];
         *v = (asked_view){ .generator = g, .lens = cn_lens_unpack(&g->camera), .widest = widest_angle(&g->camera) };
-        if (views->alone_from_m) v->alone_from_m = (double)views->alone_from_m[view];
-        if (task->maps) v->clearance = task->maps->clearance + view * task->maps->columns * task->maps->rows;
+        if (views->alone_from_m) v->alone_from_m = views->alone_from_m + (size_t)i * CN_ALONE_PARTS;
+        if (task->maps) v->clearance = task->maps->clearance + (size_t)i * task->maps->columns * task->maps->rows;
     }
     cn_pool_run(pool, (size_t)BLOCKS * BLOCKS, visible_slice, task);
+    free(task->views);
+    return true;
 }
 
-void cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable)
+bool cn_rays_visible_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, uint8_t *usable)
 {
     visible_task task = { .box = box, .usable = usable };
-    ask(&task, pool, views);
+    return ask(&task, pool, views);
 }
 
-void cn_rays_clear_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, const cn_clear_maps *maps,
+bool cn_rays_clear_cells(cn_pool *pool, const cn_box *box, const cn_seeing_views *views, const cn_clear_maps *maps,
                          uint8_t *usable)
 {
     visible_task task = { .box = box, .usable = usable, .maps = maps };
-    if (views->n) ask(&task, pool, views);
+    return !views->n || ask(&task, pool, views);
 }

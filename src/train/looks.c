@@ -198,14 +198,14 @@ cn_status cn_looks_clear(const cn_sampler *s, cn_pool *pool, const cn_box *box, 
 {
     uint8_t *clearance = malloc((s->n_photos + 1u) * (size_t)CN_SKY_HINTS);
     cn_ray_generator *generators = malloc((s->n_photos + 1u) * sizeof *generators);
-    const bool room = clearance && generators;
+    bool room = clearance && generators;
     for (uint32_t i = 0; room && i < s->n_photos; i++) {
         generators[i] = s->photos[i].generator;
         find_clearance(s->sky_hint + (size_t)i * CN_SKY_HINTS, clearance + (size_t)i * CN_SKY_HINTS);
     }
     const cn_seeing_views views = { .n = s->n_photos, .generators = generators };
     const cn_clear_maps maps = { CN_SKY_HINT_X, CN_SKY_HINT_Y, clearance };
-    if (room) cn_rays_clear_cells(pool, box, &views, &maps, usable);
+    room = room && cn_rays_clear_cells(pool, box, &views, &maps, usable);
     free(clearance);
     free(generators);
     return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");

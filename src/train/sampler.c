@@ -3,6 +3,7 @@
 #include "base/rng.h"
 #include "base/units.h"
 #include "effect/sky_hints.h"
+#include "math/linalg.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -141,25 +142,54 @@ cn_status cn_sampler_find_vignetting(cn_sampler *s, const cn_train_input *input)
  * 0.6 to 2 dB on held-out photos. castle, fox and lund do not change. */
 #define ALONE_FROM 0.7
 #define NEAREST_PART 20 /* a photo's nearest twentieth of sparse points: nearer ones may be wrong */
+/* In a part of the picture whose surroundings have so many points, these count in place of the photo's, if they are
+ * farther away. Otherwise the ends of photos from the air hang in the sky of the film of `scripts/run`. */
+#define LOCAL_POINTS 10
 
-static int by_photo_and_distance(const void *a, const void *b)
+static int by_photo(const void *a, const void *b)
 {
     const cn_sparse_sample *x = a, *y = b;
-    if (x->photo != y->photo) return x->photo < y->photo ? -1 : 1;
-    return (x->distance_m > y->distance_m) - (x->distance_m < y->distance_m);
+    return (x->photo > y->photo) - (x->photo < y->photo);
 }
 
-/* alone_from_m[photo]; INFINITY for a photo without sparse points. sorted: room for all sparse samples. */
-static void find_alone_from(const cn_sampler *s, cn_sparse_sample *sorted, float *alone_from_m)
+/* The samples of one photo; size: of its picture. */
+typedef struct photo_samples {
+    const cn_sparse_sample *of;
+    uint32_t n;
+    cn_pixel_extent size;
+} photo_samples;
+
+/* From where on one photo is enough, by the samples of the part of the picture and of those around it; 0: too few. All
+ * samples count with part -1. room: for all of them. */
+static double alone_from(const photo_samples *samples, int part, double *room)
 {
-    for (uint32_t photo = 0; photo < s->n_photos; photo++)
-        alone_from_m[photo] = INFINITY;
+    size_t n = 0;
+    for (uint32_t i = 0; i < samples->n; i++) {
+        const cn_sparse_sample *sample = &samples->of[i];
+        const int x = sample->x * CN_ALONE_X / (int)samples->size.width,
+                  y = sample->y * CN_ALONE_Y / (int)samples->size.height;
+        if (part < 0 || (abs(x - part % CN_ALONE_X) <= 1 && abs(y - part / CN_ALONE_X) <= 1))
+            room[n++] = (double)sample->distance_m;
+    }
+    return n && (part < 0 || n >= LOCAL_POINTS) ? ALONE_FROM * cn_select(room, n, n / NEAREST_PART) : 0;
+}
+
+/* alone_from_m[photo][part]; INFINITY for a photo without sparse points. sorted, room: for all sparse samples. */
+static void find_alone_from(const cn_sampler *s, cn_sparse_sample *sorted, double *room, float *alone_from_m)
+{
+    for (uint32_t i = 0; i < s->n_photos * CN_ALONE_PARTS; i++)
+        alone_from_m[i] = INFINITY;
     memcpy(sorted, s->sparse, sizeof *sorted * s->n_sparse);
-    qsort(sorted, s->n_sparse, sizeof *sorted, by_photo_and_distance);
+    qsort(sorted, s->n_sparse, sizeof *sorted, by_photo);
     for (uint32_t i = 0, end; i < s->n_sparse; i = end) {
-        for (end = i + 1; end < s->n_sparse && sorted[end].photo == sorted[i].photo;)
+        const uint32_t photo = sorted[i].photo;
+        for (end = i + 1; end < s->n_sparse && sorted[end].photo == photo;)
             end++;
-        alone_from_m[sorted[i].photo] = (float)ALONE_FROM * sorted[i + (end - i) / NEAREST_PART].distance_m;
+        const photo_samples samples = { sorted + i, end - i, s->photos[photo].size };
+        const double all = alone_from(&samples, -1, room);
+        for (int part = 0; part < CN_ALONE_PARTS; part++)
+            alone_from_m[(size_t)photo * CN_ALONE_PARTS + (size_t)part] =
+                (float)fmax(all, alone_from(&samples, part, room));
     }
 }
 
@@ -168,17 +198,18 @@ cn_status cn_sampler_usable_cells(const cn_sampler *s, cn_pool *pool, const cn_b
 {
     cn_ray_generator *generators = malloc(sizeof *generators * (s->n_photos + 1u));
     cn_sparse_sample *sorted = malloc(sizeof *sorted * (s->n_sparse + 1u));
-    float *alone_from_m = malloc(sizeof *alone_from_m * (s->n_photos + 1u));
-    const bool room = generators && sorted && alone_from_m;
+    double *distances = malloc(sizeof *distances * (s->n_sparse + 1u));
+    float *alone_from_m = malloc(sizeof *alone_from_m * (s->n_photos + 1u) * CN_ALONE_PARTS);
+    bool room = generators && sorted && distances && alone_from_m;
     if (room) {
         for (uint32_t i = 0; i < s->n_photos; i++)
             generators[i] = s->photos[i].generator;
-        find_alone_from(s, sorted, alone_from_m);
-        const cn_seeing_views views = { s->n_photos, generators, alone_from_m };
-        cn_rays_visible_cells(pool, box, &views, usable);
+        find_alone_from(s, sorted, distances, alone_from_m);
+        room = cn_rays_visible_cells(pool, box, &(cn_seeing_views){ s->n_photos, generators, alone_from_m }, usable);
     }
     free(generators);
     free(sorted);
+    free(distances);
     free(alone_from_m);
     return room ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory at the start of training");
 }
