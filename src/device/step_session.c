@@ -187,9 +187,7 @@ static cn_status move(cn_step_session *s, uint64_t arrays, bool to_device)
         if (!(arrays & CN_STEP_BIT(i))) continue;
         const cn_step_host *host = &s->batch->array[i];
         VkDeviceSize at;
-        VkBuffer shared = cn_device_find(s->device, host->data, host->bytes, &at);
-        if (!shared)
-            return cn_fail(CN_ERR_TOOL, "%s does not share memory with the processor", s->device->base.info.name);
+        const VkBuffer shared = cn_device_find(s->device, host->data, host->bytes, &at);
         const VkBufferCopy up = { at, 0, host->bytes }, down = { 0, at, host->bytes };
         if (to_device)
             s->device->CmdCopyBuffer(commands, shared, s->buffer[i].handle, 1, &up);
@@ -323,6 +321,18 @@ static cn_status send_levels(cn_step_session *s)
     return CN_OK;
 }
 
+/* Copies between the device and the trainer's arrays need memory that both see. */
+static bool shares_arrays(const cn_step_session *s)
+{
+    const uint64_t used = in_use(s, CN_STEP_BIT(CN_STEP_ARRAYS) - 1);
+    for (int i = 0; i < CN_STEP_ARRAYS; i++) {
+        const cn_step_host *host = &s->batch->array[i];
+        VkDeviceSize at;
+        if (used & CN_STEP_BIT(i) && !cn_device_find(s->device, host->data, host->bytes, &at)) return false;
+    }
+    return true;
+}
+
 static cn_status build(cn_step_session *s)
 {
     size_t size[CN_STEP_BUFFERS];
@@ -333,6 +343,9 @@ static cn_status build(cn_step_session *s)
     s->lanes = lanes_of(s->device, rows);
     if (!s->lanes)
         return cn_fail(CN_ERR_TOOL, "%s has too little shared memory for a network of width %u", info->name, rows);
+    if (!shares_arrays(s))
+        return cn_fail(CN_ERR_TOOL, "%s has too little memory that it shares with the processor for this training",
+                       info->name);
     if (bytes > info->bytes)
         return cn_fail(CN_ERR_NOMEM, "%s has %.2f GB, and training this tile needs %.2f GB", info->name,
                        (double)info->bytes / 1e9, (double)bytes / 1e9);

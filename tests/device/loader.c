@@ -4,6 +4,8 @@
  *   CONURB_TEST_DEVICES=N   every device N times
  *   CONURB_TEST_HARDWARE=1  software devices say that they are not
  *   CONURB_TEST_MB=N        no device has more than N MB of memory
+ *   CONURB_TEST_UNCACHED=1  the processor caches no memory of the devices
+ *   CONURB_TEST_MOST_KB=N   no more than N KB can be allocated at once
  *   CONURB_TEST_LOSE=N      the device is lost after N submissions */
 #define VK_NO_PROTOTYPES
 #include <dlfcn.h>
@@ -58,23 +60,33 @@ static VKAPI_ATTR void VKAPI_CALL describe(VkPhysicalDevice device, VkPhysicalDe
     out->deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
 }
 
-static void shrink(VkPhysicalDeviceMemoryProperties *m)
+static void change_memory(VkPhysicalDeviceMemoryProperties *m)
 {
     const uint64_t most = (uint64_t)setting("CONURB_TEST_MB") * 1000000;
-    for (uint32_t i = 0; i < m->memoryHeapCount; i++)
+    for (uint32_t i = 0; most && i < m->memoryHeapCount; i++)
         if (m->memoryHeaps[i].size > most) m->memoryHeaps[i].size = most;
+    for (uint32_t i = 0; setting("CONURB_TEST_UNCACHED") && i < m->memoryTypeCount; i++)
+        m->memoryTypes[i].propertyFlags &= ~(VkMemoryPropertyFlags)VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
 }
 
 static VKAPI_ATTR void VKAPI_CALL heaps(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties *out)
 {
     REAL(GetPhysicalDeviceMemoryProperties)(device, out);
-    shrink(out);
+    change_memory(out);
 }
 
 static VKAPI_ATTR void VKAPI_CALL heaps2(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
 {
     REAL(GetPhysicalDeviceMemoryProperties2)(device, out);
-    shrink(&out->memoryProperties);
+    change_memory(&out->memoryProperties);
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL allocate(VkDevice device, const VkMemoryAllocateInfo *info,
+                                               const VkAllocationCallbacks *memory, VkDeviceMemory *out)
+{
+    if (info->allocationSize > (VkDeviceSize)setting("CONURB_TEST_MOST_KB") * 1000)
+        return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    return ((PFN_vkAllocateMemory)real_of_device(device, "vkAllocateMemory"))(device, info, memory, out);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL lose(VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence)
@@ -102,7 +114,8 @@ static PFN_vkVoidFunction change(const changed *list, size_t n, const char *name
 
 static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL of_device(VkDevice device, const char *name)
 {
-    const changed list[] = { { "vkQueueSubmit", "CONURB_TEST_LOSE", F(lose) } };
+    const changed list[] = { { "vkQueueSubmit", "CONURB_TEST_LOSE", F(lose) },
+                             { "vkAllocateMemory", "CONURB_TEST_MOST_KB", F(allocate) } };
     const PFN_vkVoidFunction by = CHANGE(list, name);
     return by ? by : real_of_device(device, name);
 }
@@ -114,8 +127,8 @@ __attribute__((visibility("default"))) VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL 
                              { "vkEnumerateInstanceVersion", "CONURB_TEST_VERSION", F(version) },
                              { "vkEnumeratePhysicalDevices", "CONURB_TEST_DEVICES", F(enumerate) },
                              { "vkGetPhysicalDeviceProperties", "CONURB_TEST_HARDWARE", F(describe) },
-                             { "vkGetPhysicalDeviceMemoryProperties", "CONURB_TEST_MB", F(heaps) },
-                             { "vkGetPhysicalDeviceMemoryProperties2", "CONURB_TEST_MB", F(heaps2) },
+                             { "vkGetPhysicalDeviceMemoryProperties", "CONURB_TEST_LOADER", F(heaps) },
+                             { "vkGetPhysicalDeviceMemoryProperties2", "CONURB_TEST_LOADER", F(heaps2) },
                              { "vkGetDeviceProcAddr", "CONURB_TEST_LOADER", F(of_device) } };
     if (!real) {
         void *loader = dlopen(getenv("CONURB_TEST_LOADER"), RTLD_NOW | RTLD_LOCAL);

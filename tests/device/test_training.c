@@ -1,5 +1,6 @@
 /* Training on a device of Vulkan as a whole: it learns as the processor does, gives the same bytes twice, checkpoints
- * go from one to the other, and a device that is lost leaves the rest to the processor. */
+ * go from one to the other, and a device that is lost, or lacks memory for a command, leaves the rest to the processor.
+ */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -318,6 +319,40 @@ static void test_a_lost_device(void **unused)
     cn_device_destroy(&device);
 }
 
+static VKAPI_ATTR VkResult VKAPI_CALL refuse(VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence)
+{
+    return submissions_left-- > 0 ? submit(queue, n, info, fence) : VK_ERROR_OUT_OF_DEVICE_MEMORY;
+}
+
+/* A device without memory for a command is not lost. The processor trains all the same, and measures its own speed. */
+static void test_a_device_that_refuses(void **unused)
+{
+    (void)unused;
+    const cn_train_options o = options();
+    cn_device *device;
+    cn_train_speed *speed;
+    double psnr, seconds;
+    uint64_t bytes;
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    cn_vulkan *vulkan = (cn_vulkan *)device;
+    submit = vulkan->QueueSubmit;
+    vulkan->QueueSubmit = refuse;
+    for (int after = 0; after <= 24; after += 12) {
+        char name[16];
+        snprintf(name, sizeof name, "refused%d", after);
+        submissions_left = after;
+        fell_back = 0;
+        assert_int_equal(train(device, name, 0, &psnr), CN_OK);
+        assert_int_equal(fell_back, 1);
+    }
+    const cn_context ctx = { .device = device };
+    assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
+    assert_int_equal(cn_train_speed_predict(&ctx, speed, &o, &synthetic.tile, &seconds, &bytes), CN_OK);
+    assert_true(seconds > 0);
+    cn_train_speed_destroy(&speed);
+    cn_device_destroy(&device);
+}
+
 /* What training takes is known before, to the byte. With one byte less the processor does it, and a line says so. The
  * same of the photos on top: with one byte less the processor draws the rays. */
 static void test_too_little_memory(void **unused)
@@ -363,7 +398,8 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_same_bytes_and_psnr),      cmocka_unit_test(test_black_ground),
         cmocka_unit_test(test_checkpoints_go_both_ways), cmocka_unit_test(test_a_lost_device),
-        cmocka_unit_test(test_cells_are_filled_again),   cmocka_unit_test(test_too_little_memory)
+        cmocka_unit_test(test_a_device_that_refuses),    cmocka_unit_test(test_cells_are_filled_again),
+        cmocka_unit_test(test_too_little_memory)
     };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     synthetic_scene_deinit(&synthetic);
