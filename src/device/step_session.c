@@ -119,11 +119,12 @@ static cn_status make_map_buffers(cn_step_session *s)
     return CN_OK;
 }
 
-/* Where the device has no memory left after all, it goes without them. */
-static cn_status make_maps(cn_step_session *s)
+/* room: bytes that the device had free before the session took its own. Where it has no memory left after all, it goes
+ * without the maps. */
+static cn_status make_maps(cn_step_session *s, uint64_t room)
 {
     const uint64_t all = cn_step_session_bytes(s->batch) + cn_step_session_map_bytes(s->batch);
-    s->draws = s->batch->maps.n > 0 && all <= cn_vulkan_available(&s->device->base);
+    s->draws = s->batch->maps.n > 0 && all <= room;
     const cn_status status = make_map_buffers(s);
     if (status != CN_ERR_NOMEM || !s->draws) return status;
     for (int i = 0; i < CN_MAP_BLOCKS; i++)
@@ -339,7 +340,7 @@ static cn_status build(cn_step_session *s)
     const cn_step_settings *about = &s->batch->settings;
     const cn_device_info *info = &s->device->base.info;
     const uint32_t rows = most_rows(about);
-    const uint64_t bytes = cn_step_session_bytes(s->batch);
+    const uint64_t bytes = cn_step_session_bytes(s->batch), room = cn_vulkan_available(&s->device->base);
     s->lanes = lanes_of(s->device, rows);
     if (!s->lanes)
         return cn_fail(CN_ERR_TOOL, "%s has too little shared memory for a network of width %u", info->name, rows);
@@ -354,7 +355,7 @@ static cn_status build(cn_step_session *s)
     sizes(s->batch, size);
     for (uint32_t i = 0; i < CN_OWN_MAPS; i++)
         CN_TRY(cn_device_buffer_create(s->device, size[i], false, &s->buffer[i]));
-    CN_TRY(make_maps(s));
+    CN_TRY(make_maps(s, room));
     for (uint32_t i = 0; i < CN_STEP_BUFFERS; i++)
         CN_TRY(cn_step_session_clear(s, i));
     CN_TRY(cn_step_pipelines_create(s->device, s->lanes, rows, s->buffer, &s->pipelines));

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The whole job with --device: no Vulkan, Vulkan too old, only software devices, too little memory, or none that the processor
-# shares or caches, a device that is lost in mid-training, kill -9 on one device with a resume on the other, and two devices at once. And which device the
-# program takes without --device.
+# The whole job with --device: no Vulkan, Vulkan too old, only software devices, too little memory, or none that the
+# processor shares or caches, a device that is lost in mid-training, kill -9 on one device with a resume on the other,
+# and two devices at once. And which device the program takes without --device.
 # usage: whole_job.sh CONURB MAKE_PHOTOS LOADER     LOADER: the folder of libvulkan.so.1 made of loader.c
 . "$(dirname "${BASH_SOURCE[0]}")/../flow/lib.sh"
 loader=$3
@@ -160,6 +160,18 @@ expect 0 "has too little memory that it shares with the processor" "too little s
     with_loader CONURB_TEST_MOST_KB=12000 "$conurb" train "$work/unshared" --device gpu:0
 complaints
 says_not "training on " "too little shared memory"
+
+# The training takes 70 MB, its arrays 40 MB beside them: the photos have room in 140 MB.
+again budget
+expect 0 "training on " "a budget of memory" with_loader CONURB_TEST_BUDGET_KB=140000 \
+    "$conurb" train "$work/budget" --device gpu:0
+complaints
+says_not "has no room for the photos" "a budget of memory"
+same_tile budget device "a budget of memory"
+again spent
+expect 0 "has no room for the photos" "a budget that is spent" with_loader CONURB_TEST_BUDGET_KB=100000 \
+    "$conurb" train "$work/spent" --device gpu:0
+complaints
 
 # kill -9 in the middle, and the rest on the other device. The scalar kernels leave time for it.
 until_true() {
