@@ -245,6 +245,9 @@ cn_status cn_step_session_pass(cn_step_session *s, cn_step_pass pass, uint32_t x
     CN_TRY(send_settings(s));
     CN_TRY(cn_step_session_send(s, arrays));
     if (!x || !y) return CN_OK;
+    if (x > d->properties.limits.maxComputeWorkGroupCount[0])
+        return cn_fail(CN_ERR_TOOL, "%s does not run the %u groups of threads of the pass '%s'", d->base.info.name, x,
+                       about->name);
     CN_TRY(record(s, &commands));
     d->CmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->pipeline[pass]);
     d->CmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->layout[pass], 0, 1, &p->set[pass], 0, NULL);
