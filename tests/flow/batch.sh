@@ -116,6 +116,17 @@ expect 0 "kubernetes.yaml" "submit to Kubernetes --dry-run" "$conurb" submit "$t
 python3 "$here/manifest.py" "$town/jobs/kubernetes.yaml" 3 >"$work/out" 2>&1 && good || bad "the manifest"
 expect 0 "kubernetes.yaml" "submit of a quality" "$conurb" submit "$town" --engine kubernetes --dry-run --quality high
 grep -q -- "--done train --quality high" "$town/jobs/kubernetes.yaml" && good || bad "pods wait for another quality"
+# Every task gets time and memory by what it does, the scores too.
+cp -a "$town" "$work/scored"
+sed -i 's/hold_out_every: 0/hold_out_every: 4/' "$work/scored/city.yaml"
+rm -r "$work/scored/jobs"
+expect 0 "tiles" "a plan with photos to score" "$conurb" plan "$work/scored"
+expect 0 "eval=" "submit with scores" "$conurb" submit "$work/scored" --engine slurm --dry-run
+for stage in train eval match render; do
+    asked=$(sed -n 's/^#SBATCH --\(mem\|time\)=\([0-9]*\).*/\2/p' "$work/scored/jobs/$stage"-*.sbatch | tr '\n' ' ')
+    read -r memory minutes <<<"$asked"
+    [ "${memory:-0}" -gt 512 ] && [ "${minutes:-0}" -gt 10 ] && good || bad "$stage asks for $memory MB, $minutes minutes"
+done
 mkdir "$work/site"
 sed 's/^##SBATCH --partition=/#SBATCH --partition=night/' "$here/../../jobs/slurm.sbatch" >"$work/site/slurm.sbatch"
 expect 0 "train" "a site's template" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
