@@ -21,6 +21,7 @@ typedef struct cn_job_node {
     bool failed;             /* a group that was tried, and that the others need not wait for */
     char reason[256];        /* why it is not done: "train.steps is 60, was 40", "tile X comes first"; "" when done */
     double estimate_s;       /* seconds on one processor; 0 when unknown */
+    bool budgeted;           /* estimate_s is a budget of time, on any number of processors */
     uint64_t estimate_bytes; /* bytes of memory; 0 when unknown */
 } cn_job_node;
 typedef struct cn_job_graph {

@@ -198,7 +198,8 @@ static cn_status look_at_tiles(grower *g, const cn_dataset *m, const char *plan_
         if (!done && !g->due[0]) snprintf(g->due, sizeof g->due, "%s", tile->id);
         CN_TRY(add(g, "train", tile->id, done, reason, &node));
         node_cost(g, tile, node);
-        node->estimate_s *= g->train.time_budget_s > 0 || processors < 1 ? 1 : (double)processors;
+        node->budgeted = g->train.time_budget_s > 0;
+        node->estimate_s *= node->budgeted || processors < 1 ? 1 : (double)processors;
     }
     return CN_OK;
 }

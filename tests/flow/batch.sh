@@ -125,8 +125,14 @@ expect 0 "eval=" "submit with scores" "$conurb" submit "$work/scored" --engine s
 for stage in train eval match render; do
     asked=$(sed -n 's/^#SBATCH --\(mem\|time\)=\([0-9]*\).*/\2/p' "$work/scored/jobs/$stage"-*.sbatch | tr '\n' ' ')
     read -r memory minutes <<<"$asked"
-    [ "${memory:-0}" -gt 512 ] && [ "${minutes:-0}" -gt 10 ] && good || bad "$stage asks for $memory MB, $minutes minutes"
+    [ "${memory:-0}" -gt 512 ] && [ "${minutes:-0}" -gt 10 ] && good ||
+        bad "$stage asks for $memory MB, $minutes minutes"
 done
+# A budget of time passes as slowly on four processors as on one.
+sed -i 's/^train:/train:\n  time_budget_s: 3600/' "$work/scored/city.yaml"
+rm -r "$work/scored/jobs"
+expect 0 "train=" "submit of a budget" "$conurb" submit "$work/scored" --engine slurm --dry-run --cpus 4
+grep -q -- "--time=82$" "$work/scored/jobs"/train-*.sbatch && good || bad "an hour of training does not get 82 minutes"
 mkdir "$work/site"
 sed 's/^##SBATCH --partition=/#SBATCH --partition=night/' "$here/../../jobs/slurm.sbatch" >"$work/site/slurm.sbatch"
 expect 0 "train" "a site's template" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"
