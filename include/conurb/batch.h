@@ -62,12 +62,13 @@ typedef struct cn_city_state {
     uint32_t n;
     uint32_t n_tiles, tiles[CN_WORK_DONE + 1]; /* tiles[w]: number of tiles in state w */
     double left_s;                             /* the longest time left of the running jobs; < 0 when unknown */
+    char queue[256]; /* why the state of submitted jobs in the cluster's queue is not known; "" when it is */
 } cn_city_state;
 /* Reads the state from the disk, and from squeue when jobs were submitted to Slurm. Takes no lock and writes nothing.
  * Cheap enough for every second. */
 CN_API CN_NODISCARD cn_status cn_city_state_read(const cn_context *ctx, cn_city *city, cn_city_state *state);
 CN_API void cn_city_state_deinit(cn_city_state *state);
-/* The state as JSON: {"tiles": {...}, "rows": [...]}. The caller frees *json with free(). */
+/* The state as JSON: {"tiles": {...}, "rows": [...], "queue": "..."}. The caller frees *json with free(). */
 CN_API CN_NODISCARD cn_status cn_city_state_json(const cn_city_state *state, char **json);
 
 /* ---- clusters ---- */
@@ -85,7 +86,7 @@ typedef struct cn_submit_options {
  * and a job that merges them. Submits the stages that are due and not yet in the queue, and records
  * them in CITY/jobs/submission.json. Without a valid plan it submits one job, which makes the poses and the plan and
  * then submits the rest. The log shows the commands. CN_ERR_TOOL: the cluster's program is missing, or it refuses the
- * job. */
+ * job; or what is in the queue is not known, so that jobs might be submitted twice (dry_run: a warning). */
 CN_API CN_NODISCARD cn_status cn_city_submit(const cn_context *ctx, cn_city *city, const cn_submit_options *options);
 
 /* ---- what this machine has, and what it lacks ---- */

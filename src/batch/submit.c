@@ -127,6 +127,19 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
     return CN_OK;
 }
 
+/* Jobs of earlier submissions may be in a queue that does not answer. */
+static cn_status check_queue(const cn_submission *s, const cn_city_state *state)
+{
+    if (!state->queue[0]) return CN_OK;
+    if (!s->options->dry_run)
+        return cn_fail(CN_ERR_TOOL,
+                       "the queue is not known, and jobs in it would be submitted twice: %s; submit again when squeue "
+                       "answers",
+                       state->queue);
+    cn_log(s->ctx, CN_LOG_WARN, "the queue is not known, and jobs in it are listed once more: %s", state->queue);
+    return CN_OK;
+}
+
 static cn_status submit(cn_submission *s, cn_city *city)
 {
     const char *quality = s->options->quality;
@@ -142,7 +155,8 @@ static cn_status submit(cn_submission *s, cn_city *city)
     CN_TRY(cn_city_graph(s->ctx, city, q, 0, true, &s->graph));
     cn_city_state state;
     CN_TRY(cn_city_state_read(s->ctx, city, &state));
-    status = choose_jobs(s, &state);
+    status = check_queue(s, &state);
+    if (status == CN_OK) status = choose_jobs(s, &state);
     cn_city_state_deinit(&state);
     CN_TRY(status);
     if (!s->n_jobs) {
