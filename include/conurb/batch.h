@@ -85,7 +85,8 @@ typedef struct cn_submit_options {
 /* Writes one script for each stage to CITY/jobs. A city whose photos are posed in groups gets an array of the groups
  * and a job that merges them. Submits the stages that are due and not yet in the queue, and records
  * them in CITY/jobs/submission.json. Without a valid plan it submits one job, which makes the poses and the plan and
- * then submits the rest. The log shows the commands. CN_ERR_TOOL: the cluster's program is missing, or it refuses the
+ * then (Slurm) submits the rest. Kubernetes has no order among jobs and gets only those that can begin; when they have
+ * ended, submit again. The log shows the commands. CN_ERR_TOOL: the cluster's program is missing, or it refuses the
  * job; or what is in the queue is not known, so that jobs might be submitted twice (dry_run: a warning). */
 CN_API CN_NODISCARD cn_status cn_city_submit(const cn_context *ctx, cn_city *city, const cn_submit_options *options);
 
