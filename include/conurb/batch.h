@@ -21,6 +21,7 @@ typedef struct cn_job_node {
     bool failed;             /* a group that was tried, and that the others need not wait for */
     char reason[256];        /* why it is not done: "train.steps is 60, was 40", "tile X comes first"; "" when done */
     double estimate_s;       /* seconds on one processor; 0 when unknown */
+    bool budgeted;           /* estimate_s is a budget of time, on any number of processors */
     uint64_t estimate_bytes; /* bytes of memory; 0 when unknown */
 } cn_job_node;
 typedef struct cn_job_graph {
@@ -61,12 +62,13 @@ typedef struct cn_city_state {
     uint32_t n;
     uint32_t n_tiles, tiles[CN_WORK_DONE + 1]; /* tiles[w]: number of tiles in state w */
     double left_s;                             /* the longest time left of the running jobs; < 0 when unknown */
+    char queue[256]; /* why the state of submitted jobs in the cluster's queue is not known; "" when it is */
 } cn_city_state;
 /* Reads the state from the disk, and from squeue when jobs were submitted to Slurm. Takes no lock and writes nothing.
  * Cheap enough for every second. */
 CN_API CN_NODISCARD cn_status cn_city_state_read(const cn_context *ctx, cn_city *city, cn_city_state *state);
 CN_API void cn_city_state_deinit(cn_city_state *state);
-/* The state as JSON: {"tiles": {...}, "rows": [...]}. The caller frees *json with free(). */
+/* The state as JSON: {"tiles": {...}, "rows": [...], "queue": "..."}. The caller frees *json with free(). */
 CN_API CN_NODISCARD cn_status cn_city_state_json(const cn_city_state *state, char **json);
 
 /* ---- clusters ---- */
@@ -83,8 +85,9 @@ typedef struct cn_submit_options {
 /* Writes one script for each stage to CITY/jobs. A city whose photos are posed in groups gets an array of the groups
  * and a job that merges them. Submits the stages that are due and not yet in the queue, and records
  * them in CITY/jobs/submission.json. Without a valid plan it submits one job, which makes the poses and the plan and
- * then submits the rest. The log shows the commands. CN_ERR_TOOL: the cluster's program is missing, or it refuses the
- * job. */
+ * then (Slurm) submits the rest. Kubernetes has no order among jobs and gets only those that can begin; when they have
+ * ended, submit again. The log shows the commands. CN_ERR_TOOL: the cluster's program is missing, or it refuses the
+ * job; or what is in the queue is not known, so that jobs might be submitted twice (dry_run: a warning). */
 CN_API CN_NODISCARD cn_status cn_city_submit(const cn_context *ctx, cn_city *city, const cn_submit_options *options);
 
 /* ---- what this machine has, and what it lacks ---- */

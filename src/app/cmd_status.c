@@ -52,6 +52,7 @@ static void print_state(const cn_city_state *state)
         }
     if (state->left_s >= 0) print_time(state->left_s);
     printf("\n");
+    if (state->queue[0]) printf("the queue is not known: %s\n", state->queue);
     fflush(stdout);
 }
 

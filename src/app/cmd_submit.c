@@ -57,7 +57,8 @@ const cn_app_command cn_app_submit = {
     .summary = "run the stages on a cluster: Slurm or Kubernetes",
     .forms = "CITY",
     .about =
-        "Submits only the stages that are due. CITY must be on a file system that every node sees under the same path.",
+        "Submits only the stages that are due. CITY must be on a file system that every node sees under the same path. "
+        "Kubernetes has no order among jobs and gets only those that can begin: submit again when they have ended.",
     .example = "conurb submit /shared/beach --engine slurm --max-tasks 20",
     .min_operands = 1,
     .max_operands = 1,

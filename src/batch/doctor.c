@@ -5,6 +5,7 @@
 #include "base/file.h"
 #include "base/number.h"
 #include "base/process.h"
+#include "batch/queue.h"
 #include "geo/geoid.h"
 #include "kernel/kernel.h"
 
@@ -193,12 +194,16 @@ static void hear(void *user, char *line)
     if (at && !e->line[0]) snprintf(e->line, sizeof e->line, "%s", at);
 }
 
-/* Finds a program's version: the first line of its output that contains the word. False when it cannot be run. */
+/* Finds a program's version: the first line of its output that contains the word. False when it cannot be run, or does
+ * not end. */
 static bool ask(const cn_context *ctx, const char *const *argv, const char *wanted, char *out, size_t size)
 {
     ear e = { "", wanted };
+    const cn_process program = {
+        .argv = argv, .log_path = "/dev/null", .on_line = hear, .user = &e, .limit_s = CN_SLURM_LIMIT_S
+    };
     int code;
-    const bool ran = cn_process_run(ctx, argv, "/dev/null", hear, &e, &code) == CN_OK;
+    const bool ran = cn_process_watch(ctx, &program, &code) == CN_OK;
     if (ran)
         snprintf(out, size, "%s%s", e.line[0] ? e.line : argv[0],
                  e.line[0] ? "" : " is there, but does not tell its version");

@@ -9,7 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { FIT_S = 10 }; /* seconds on one processor to fit a tile's row to its neighbours */
+enum { FIT_S = 10 }; /* seconds on one processor to fit a tile's row to its neighbours, or to a photo */
 
 typedef struct grower {
     const cn_context *ctx;
@@ -116,10 +116,24 @@ static cn_status look_at_groups(grower *g, bool poses_done, uint32_t *n_due)
     return status;
 }
 
+/* Seconds of n pictures: a pixel of one tile takes about 50 microseconds on one processor; a picture is at most about
+ * as high as wide. */
+static double pictures_s(const grower *g, uint32_t width_px, double n)
+{
+    return 50e-6 * width_px * width_px * g->city->config.compose.max_tiles * n;
+}
+
+/* The open tiles, and what is kept of a picture's pixel. */
+static uint64_t pictures_bytes(const grower *g, uint32_t width_px, uint64_t pixel)
+{
+    const uint64_t tile = cn_field_options_bytes(&g->train.field);
+    return tile * (g->city->config.compose.max_tiles + 1) + pixel * width_px * width_px;
+}
+
 static cn_status add_frames(grower *g, uint32_t n, const bool *done, const char *reason)
 {
     const uint32_t chunks = (n + CN_CHUNK_FRAMES - 1) / CN_CHUNK_FRAMES;
-    const cn_config *c = &g->city->config;
+    const uint32_t width_px = g->city->config.render_width_px;
     for (uint32_t i = 0; i < chunks; i++) {
         const uint32_t first = (uint32_t)((uint64_t)n * i / chunks), last = (uint32_t)((uint64_t)n * (i + 1) / chunks);
         uint32_t n_done = 0;
@@ -134,12 +148,8 @@ static cn_status add_frames(grower *g, uint32_t n, const bool *done, const char 
                      last - first);
         cn_job_node *node;
         CN_TRY(add(g, "render", item, n_done == last - first, missing, &node));
-        /* A pixel of one tile takes about 50 microseconds on one processor; a picture is at most about as high as
-         * wide. */
-        const double pixels = (double)c->render_width_px * c->render_width_px;
-        node->estimate_s = 50e-6 * pixels * c->compose.max_tiles * (last - first - n_done);
-        const uint64_t tile = cn_field_options_bytes(&g->train.field);
-        node->estimate_bytes = tile * (c->compose.max_tiles + 1) + (uint64_t)pixels * 64;
+        node->estimate_s = pictures_s(g, width_px, last - first - n_done);
+        node->estimate_bytes = pictures_bytes(g, width_px, 64);
     }
     return CN_OK;
 }
@@ -188,7 +198,8 @@ static cn_status look_at_tiles(grower *g, const cn_dataset *m, const char *plan_
         if (!done && !g->due[0]) snprintf(g->due, sizeof g->due, "%s", tile->id);
         CN_TRY(add(g, "train", tile->id, done, reason, &node));
         node_cost(g, tile, node);
-        node->estimate_s *= g->train.time_budget_s > 0 || processors < 1 ? 1 : (double)processors;
+        node->budgeted = g->train.time_budget_s > 0;
+        node->estimate_s *= node->budgeted || processors < 1 ? 1 : (double)processors;
     }
     return CN_OK;
 }
@@ -206,23 +217,42 @@ static cn_status look_at_match(grower *g, const cn_plan *plan)
     g->match_due = g->due[0] || !cn_stage_done(g->city, &stage, reason);
     CN_TRY(add(g, "match", "", !g->match_due, reason, &node));
     node->estimate_s = FIT_S * plan->n_tiles;
-    const uint64_t tile = cn_field_options_bytes(&g->train.field);
-    node->estimate_bytes = tile * (g->city->config.compose.max_tiles + 1);
+    node->estimate_bytes = pictures_bytes(g, 0, 0);
     return CN_OK;
 }
 
-static cn_status look_at_eval(grower *g, const cn_plan *plan)
+/* Photos that a tile of the plan holds out. */
+static cn_status count_held_out(const cn_dataset *m, uint32_t *n)
+{
+    bool *held = calloc(m->scene.n_views + (size_t)1, sizeof *held);
+    if (!held) return cn_fail(CN_ERR_NOMEM, "out of memory for the list of what is due");
+    for (uint32_t i = 0; i < m->plan.n_tiles; i++)
+        for (uint32_t k = 0; k < m->plan.tiles[i].n_held_out; k++) {
+            bool *of = &held[m->plan.tiles[i].held_out[k]];
+            *n += !*of;
+            *of = true;
+        }
+    free(held);
+    return CN_OK;
+}
+
+/* A photo is rendered in its known light and in a fitted one, and each tile of it is fitted. */
+static cn_status look_at_eval(grower *g, const cn_dataset *m)
 {
     uint32_t held_out = 0;
-    for (uint32_t i = 0; i < plan->n_tiles; i++)
-        held_out += plan->tiles[i].n_held_out;
+    CN_TRY(count_held_out(m, &held_out));
     if (!held_out) return CN_OK;
+    const cn_config *c = &g->city->config;
     cn_stage stage;
     char reason[CN_REASON_SIZE];
-    CN_TRY(cn_stage_eval(g->city, plan, &stage));
+    cn_job_node *node;
+    CN_TRY(cn_stage_eval(g->city, &m->plan, &stage));
     snprintf(reason, sizeof reason, "tile %s comes first", g->due);
     const bool done = !g->due[0] && cn_stage_done(g->city, &stage, reason);
-    return add(g, "eval", "", done, reason, NULL);
+    CN_TRY(add(g, "eval", "", done, reason, &node));
+    node->estimate_s = pictures_s(g, c->width_px, 2.0 * held_out) + (double)FIT_S * c->compose.max_tiles * held_out;
+    node->estimate_bytes = pictures_bytes(g, c->width_px, 128); /* photo, render and both side by side, in floats */
+    return CN_OK;
 }
 
 /* Adds the jobs after the plan, when the plan can be read, valid or not. */
@@ -235,7 +265,7 @@ static cn_status look_past_plan(grower *g, const char *plan_due)
     free(dir);
     if (status == CN_OK) status = look_at_tiles(g, &m, plan_due);
     if (status == CN_OK) status = look_at_match(g, &m.plan);
-    if (status == CN_OK) status = look_at_eval(g, &m.plan);
+    if (status == CN_OK) status = look_at_eval(g, &m);
     if (status == CN_OK) status = look_at_frames(g);
     cn_dataset_deinit(&m);
     return status;

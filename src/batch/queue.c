@@ -13,6 +13,7 @@
 typedef struct asker {
     const json_t *jobs;
     cn_city_state *state;
+    char said[160]; /* the last line that is no job: an error */
 } asker;
 
 static cn_work_row *find_row(cn_city_state *state, const char *stage, const char *item)
@@ -57,6 +58,7 @@ static void tell(cn_work_row *row, const char *job, const char *queue, const cha
 static void read_line(void *user, char *line)
 {
     asker *a = user;
+    if (!strchr(line, '|')) snprintf(a->said, sizeof a->said, "%s", line);
     char *field[4] = { line, NULL, NULL, NULL };
     for (int i = 1; i < 4; i++) {
         field[i] = field[i - 1] ? strchr(field[i - 1], '|') : NULL;
@@ -87,28 +89,40 @@ static char *id_list(const json_t *jobs)
     return list;
 }
 
+/* Many machines have no Slurm, and need no warning. When all jobs have left the queue long ago, their numbers are
+ * invalid.
+ */
+static void ask_squeue(const cn_context *ctx, asker *a, const char *ids)
+{
+    const char *const argv[] = { "squeue", "--noheader", "--array", "--jobs", ids, "--format", "%i|%T|%N|%r", NULL };
+    const cn_process squeue = {
+        .argv = argv, .log_path = "/dev/null", .on_line = read_line, .user = a, .limit_s = CN_SLURM_LIMIT_S
+    };
+    const double begun = cn_now_s();
+    int code = 0;
+    const cn_status status = cn_process_watch(ctx, &squeue, &code);
+    char *why = a->state->queue;
+    if (status == CN_ERR_TOOL && cn_now_s() - begun < squeue.limit_s)
+        cn_log(ctx, CN_LOG_DEBUG, "the queue is not known: %s", cn_error_message());
+    else if (status != CN_OK)
+        snprintf(why, sizeof a->state->queue, "%s", cn_error_message());
+    else if (code != 0 && !strstr(a->said, "Invalid job id"))
+        snprintf(why, sizeof a->state->queue, "squeue ended with %d: %s", code, a->said);
+}
+
 void cn_queue_join(const cn_context *ctx, const cn_city *city, cn_city_state *state)
 {
     char *path = cn_city_path(city, CN_SUBMISSION);
     json_t *root = NULL;
     const bool read = path && cn_file_exists(path) && cn_json_load(path, &root) == CN_OK;
     const char *engine = json_string_value(json_object_get(root, "engine"));
-    asker a = { json_object_get(root, "jobs"), state };
+    asker a = { .jobs = json_object_get(root, "jobs"), .state = state };
     if (read && engine && strcmp(engine, "slurm") == 0 && json_array_size(a.jobs)) {
         char *ids = id_list(a.jobs);
-        const char *const argv[] = {
-            "squeue", "--noheader", "--array", "--jobs", ids, "--format", "%i|%T|%N|%r", NULL
-        };
-        /* squeue waits very long for a controller that does not answer. */
-        const cn_process squeue = {
-            .argv = argv, .log_path = "/dev/null", .on_line = read_line, .user = &a, .limit_s = 20.0
-        };
-        const double begun = cn_now_s();
-        int code;
-        const cn_status status = ids ? cn_process_watch(ctx, &squeue, &code) : CN_ERR_NOMEM;
-        const bool waited = cn_now_s() - begun >= squeue.limit_s; /* many machines have no Slurm, and need no warning */
-        if (status == CN_ERR_TOOL)
-            cn_log(ctx, waited ? CN_LOG_WARN : CN_LOG_DEBUG, "the queue is not known: %s", cn_error_message());
+        if (ids)
+            ask_squeue(ctx, &a, ids);
+        else
+            snprintf(state->queue, sizeof state->queue, "out of memory");
         free(ids);
     }
     json_decref(root);

@@ -260,6 +260,7 @@ cn_status cn_city_state_json(const cn_city_state *state, char **json)
         json_array_append_new(rows, row_json(&state->rows[i]));
     json_object_set_new(root, "tiles", tiles);
     json_object_set_new(root, "rows", rows);
+    json_object_set_new(root, "queue", json_string(state->queue));
     *json = root ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
     json_decref(root);
     return *json ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the state as JSON");

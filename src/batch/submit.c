@@ -9,13 +9,14 @@
 
 enum { TASK_S = 7200, MOST_CPUS = 32, PREPARE_CPUS = 4, PREPARE_MINUTES = 24 * 60, PREPARE_MB = 8192 };
 
-/* Enough processors for the longest task to take about two hours. Ask for three times the estimated time and 1.25
- * times the memory: a task that exceeds either is killed. The program itself needs 512 MB. */
-static void size_job(cn_submit_job *job, const cn_submit_options *o, double longest_s, uint64_t largest)
+/* Enough processors for the longest task to take about two hours. Ask for three times the estimated time (1.2 times a
+ * budget, which more processors do not shorten) and 1.25 times the memory: a task that exceeds either is killed. The
+ * program itself needs 512 MB. */
+static void size_job(cn_submit_job *job, const cn_submit_options *o, const cn_job_node *longest, uint64_t largest)
 {
-    const double cpus = fmin(fmax(ceil(longest_s / TASK_S), 1), MOST_CPUS);
+    const double seconds = longest->estimate_s, cpus = fmin(fmax(ceil(seconds / TASK_S), 1), MOST_CPUS);
     job->cpus = o->cpus ? o->cpus : (uint32_t)cpus;
-    job->minutes = (uint32_t)ceil(3 * longest_s / job->cpus / 60) + 10;
+    job->minutes = (uint32_t)ceil((longest->budgeted ? 1.2 * seconds : 3 * seconds / job->cpus) / 60) + 10;
     job->memory_mb = (uint32_t)ceil(1.25 * (double)largest / 1e6) + 512;
 }
 
@@ -57,19 +58,17 @@ void cn_submit_find_live(const cn_city_state *state, const char *stage, char liv
 static cn_status add_job(cn_submission *s, const char *stage, const cn_city_state *state)
 {
     cn_submit_job job = { .stage = stage, .items = calloc(s->graph.n + 1, sizeof *job.items) };
-    double longest = 0;
+    const cn_job_node *longest = NULL;
     uint64_t largest = 0;
     if (!job.items) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    uint32_t due = 0;
     for (uint32_t i = 0; i < s->graph.n; i++) {
         const cn_job_node *node = &s->graph.nodes[i];
         if (node->done || strcmp(node->stage, stage) != 0 || (state && in_queue(state, stage, node->item))) continue;
-        due++;
         if (node->item[0]) job.items[job.n++] = node->item;
-        longest = fmax(longest, node->estimate_s);
+        if (!longest || node->estimate_s > longest->estimate_s) longest = node;
         largest = node->estimate_bytes > largest ? node->estimate_bytes : largest;
     }
-    if (!due) {
+    if (!longest) {
         free(job.items);
         return CN_OK;
     }
@@ -128,6 +127,19 @@ static cn_status choose_jobs(cn_submission *s, const cn_city_state *state)
     return CN_OK;
 }
 
+/* Jobs of earlier submissions may be in a queue that does not answer. */
+static cn_status check_queue(const cn_submission *s, const cn_city_state *state)
+{
+    if (!state->queue[0]) return CN_OK;
+    if (!s->options->dry_run)
+        return cn_fail(CN_ERR_TOOL,
+                       "the queue is not known, and jobs in it would be submitted twice: %s; submit again when squeue "
+                       "answers",
+                       state->queue);
+    cn_log(s->ctx, CN_LOG_WARN, "the queue is not known, and jobs in it are listed once more: %s", state->queue);
+    return CN_OK;
+}
+
 static cn_status submit(cn_submission *s, cn_city *city)
 {
     const char *quality = s->options->quality;
@@ -143,7 +155,8 @@ static cn_status submit(cn_submission *s, cn_city *city)
     CN_TRY(cn_city_graph(s->ctx, city, q, 0, true, &s->graph));
     cn_city_state state;
     CN_TRY(cn_city_state_read(s->ctx, city, &state));
-    status = choose_jobs(s, &state);
+    status = check_queue(s, &state);
+    if (status == CN_OK) status = choose_jobs(s, &state);
     cn_city_state_deinit(&state);
     CN_TRY(status);
     if (!s->n_jobs) {

@@ -145,6 +145,12 @@ bool cn_device_is_lost(const cn_context *ctx)
     return __atomic_load_n(&device_of(ctx)->lost, __ATOMIC_RELAXED);
 }
 
+bool cn_device_gave_up(const cn_context *ctx, cn_status status)
+{
+    const bool has_memory = cn_device_available(ctx) != UINT64_MAX;
+    return cn_device_is_lost(ctx) || (has_memory && (status == CN_ERR_TOOL || status == CN_ERR_NOMEM));
+}
+
 cn_status cn_device_arena_init(const cn_context *ctx, cn_arena *arena, size_t size)
 {
     cn_device *device = device_of(ctx);

@@ -117,6 +117,9 @@ uint64_t cn_device_step_bytes(const cn_step_batch *step);
 uint64_t cn_device_map_bytes(const cn_step_batch *step);
 /* Whether the context's device is gone, so that every further operation on it fails. */
 bool cn_device_is_lost(const cn_context *ctx);
+/* Whether work that ended with this error may go on without the device: it is lost, or it failed at a command or lacks
+ * memory. Never for the processor. */
+bool cn_device_gave_up(const cn_context *ctx, cn_status status);
 
 /* Memory for a device's data. */
 CN_NODISCARD cn_status cn_device_arena_init(const cn_context *ctx, cn_arena *arena, size_t size);

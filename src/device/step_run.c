@@ -78,7 +78,9 @@ static bool does(const cn_step_session *s, uint32_t effects)
 
 static cn_status over_lanes(cn_step_session *s, cn_step_pass pass, uint32_t threads, uint32_t y)
 {
-    return cn_step_session_pass(s, pass, groups((uint64_t)s->batch->settings.panel_cap * CN_PANEL, threads), y);
+    const uint64_t room = (uint64_t)s->batch->settings.panel_cap * CN_PANEL,
+                   most = (uint64_t)CN_STEP_GROUPS * CN_STEP_GROUP_CAP; /* which whole panels fill */
+    return cn_step_session_pass(s, pass, groups(room < most ? room : most, threads), y);
 }
 
 static cn_status over_rays(cn_step_session *s, cn_step_pass pass)
@@ -225,7 +227,8 @@ static cn_status optimise_table(cn_step_session *s)
     for (uint32_t l = 0; l < about->levels; l++)
         if (s->batch->level[l].entries > most) most = s->batch->level[l].entries;
     CN_TRY(cn_step_session_pass(s, CN_STEP_TABLE_GRAD, about->n_groups, about->levels));
-    CN_TRY(cn_step_session_pass(s, CN_STEP_TABLE_ADAM, groups(most, ENTRIES), about->levels));
+    const uint32_t limit = s->device->properties.limits.maxComputeWorkGroupCount[0], all = groups(most, ENTRIES);
+    CN_TRY(cn_step_session_pass(s, CN_STEP_TABLE_ADAM, all < limit ? all : limit, about->levels));
     CN_TRY(cn_step_session_clear(s, CN_OWN_TOUCHED));
     /* The last operation of a step: the device works on while the processor prepares the next one. */
     return cn_step_session_submit(s);

@@ -119,11 +119,12 @@ static cn_status make_map_buffers(cn_step_session *s)
     return CN_OK;
 }
 
-/* Where the device has no memory left after all, it goes without them. */
-static cn_status make_maps(cn_step_session *s)
+/* room: bytes that the device had free before the session took its own. Where it has no memory left after all, it goes
+ * without the maps. */
+static cn_status make_maps(cn_step_session *s, uint64_t room)
 {
     const uint64_t all = cn_step_session_bytes(s->batch) + cn_step_session_map_bytes(s->batch);
-    s->draws = s->batch->maps.n > 0 && all <= cn_vulkan_available(&s->device->base);
+    s->draws = s->batch->maps.n > 0 && all <= room;
     const cn_status status = make_map_buffers(s);
     if (status != CN_ERR_NOMEM || !s->draws) return status;
     for (int i = 0; i < CN_MAP_BLOCKS; i++)
@@ -187,9 +188,7 @@ static cn_status move(cn_step_session *s, uint64_t arrays, bool to_device)
         if (!(arrays & CN_STEP_BIT(i))) continue;
         const cn_step_host *host = &s->batch->array[i];
         VkDeviceSize at;
-        VkBuffer shared = cn_device_find(s->device, host->data, host->bytes, &at);
-        if (!shared)
-            return cn_fail(CN_ERR_TOOL, "%s does not share memory with the processor", s->device->base.info.name);
+        const VkBuffer shared = cn_device_find(s->device, host->data, host->bytes, &at);
         const VkBufferCopy up = { at, 0, host->bytes }, down = { 0, at, host->bytes };
         if (to_device)
             s->device->CmdCopyBuffer(commands, shared, s->buffer[i].handle, 1, &up);
@@ -246,6 +245,9 @@ cn_status cn_step_session_pass(cn_step_session *s, cn_step_pass pass, uint32_t x
     CN_TRY(send_settings(s));
     CN_TRY(cn_step_session_send(s, arrays));
     if (!x || !y) return CN_OK;
+    if (x > d->properties.limits.maxComputeWorkGroupCount[0])
+        return cn_fail(CN_ERR_TOOL, "%s does not run the %u groups of threads of the pass '%s'", d->base.info.name, x,
+                       about->name);
     CN_TRY(record(s, &commands));
     d->CmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->pipeline[pass]);
     d->CmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->layout[pass], 0, 1, &p->set[pass], 0, NULL);
@@ -323,16 +325,31 @@ static cn_status send_levels(cn_step_session *s)
     return CN_OK;
 }
 
+/* Copies between the device and the trainer's arrays need memory that both see. */
+static bool shares_arrays(const cn_step_session *s)
+{
+    const uint64_t used = in_use(s, CN_STEP_BIT(CN_STEP_ARRAYS) - 1);
+    for (int i = 0; i < CN_STEP_ARRAYS; i++) {
+        const cn_step_host *host = &s->batch->array[i];
+        VkDeviceSize at;
+        if (used & CN_STEP_BIT(i) && !cn_device_find(s->device, host->data, host->bytes, &at)) return false;
+    }
+    return true;
+}
+
 static cn_status build(cn_step_session *s)
 {
     size_t size[CN_STEP_BUFFERS];
     const cn_step_settings *about = &s->batch->settings;
     const cn_device_info *info = &s->device->base.info;
     const uint32_t rows = most_rows(about);
-    const uint64_t bytes = cn_step_session_bytes(s->batch);
+    const uint64_t bytes = cn_step_session_bytes(s->batch), room = cn_vulkan_available(&s->device->base);
     s->lanes = lanes_of(s->device, rows);
     if (!s->lanes)
         return cn_fail(CN_ERR_TOOL, "%s has too little shared memory for a network of width %u", info->name, rows);
+    if (!shares_arrays(s))
+        return cn_fail(CN_ERR_TOOL, "%s has too little memory that it shares with the processor for this training",
+                       info->name);
     if (bytes > info->bytes)
         return cn_fail(CN_ERR_NOMEM, "%s has %.2f GB, and training this tile needs %.2f GB", info->name,
                        (double)info->bytes / 1e9, (double)bytes / 1e9);
@@ -341,7 +358,7 @@ static cn_status build(cn_step_session *s)
     sizes(s->batch, size);
     for (uint32_t i = 0; i < CN_OWN_MAPS; i++)
         CN_TRY(cn_device_buffer_create(s->device, size[i], false, &s->buffer[i]));
-    CN_TRY(make_maps(s));
+    CN_TRY(make_maps(s, room));
     for (uint32_t i = 0; i < CN_STEP_BUFFERS; i++)
         CN_TRY(cn_step_session_clear(s, i));
     CN_TRY(cn_step_pipelines_create(s->device, s->lanes, rows, s->buffer, &s->pipelines));

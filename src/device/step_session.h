@@ -38,7 +38,7 @@ CN_NODISCARD cn_status cn_step_session_send(cn_step_session *session, uint64_t a
 CN_NODISCARD cn_status cn_step_session_fetch(cn_step_session *session, uint64_t arrays);
 /* The processor has changed these arrays. */
 void cn_step_session_host_wrote(cn_step_session *session, uint64_t arrays);
-/* Records a pass over x times y groups of threads. */
+/* Records a pass over x times y groups of threads. CN_ERR_TOOL: x is more than the device runs. */
 CN_NODISCARD cn_status cn_step_session_pass(cn_step_session *session, cn_step_pass pass, uint32_t x, uint32_t y);
 /* Sets a whole buffer to zeros. */
 CN_NODISCARD cn_status cn_step_session_clear(cn_step_session *session, uint32_t buffer);

@@ -14,6 +14,14 @@ static uint32_t memory_type(cn_vulkan *device, uint32_t allowed, VkMemoryPropert
     return UINT32_MAX;
 }
 
+/* Every device has memory that the processor sees. Where none of it is cached, the processor reads it slowly. */
+static uint32_t host_memory_type(cn_vulkan *device, uint32_t allowed)
+{
+    const VkMemoryPropertyFlags seen = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    const uint32_t cached = memory_type(device, allowed, seen | VK_MEMORY_PROPERTY_HOST_CACHED_BIT);
+    return cached != UINT32_MAX ? cached : memory_type(device, allowed, seen);
+}
+
 cn_status cn_device_buffer_create(cn_vulkan *device, size_t size, bool on_host, cn_device_buffer *buffer)
 {
     *buffer = (cn_device_buffer){ .size = size };
@@ -27,11 +35,8 @@ cn_status cn_device_buffer_create(cn_vulkan *device, size_t size, bool on_host, 
     CN_VK_TRY(device, device->CreateBuffer(device->handle, &info, NULL, &buffer->handle), "make a buffer");
     VkMemoryRequirements wanted;
     device->GetBufferMemoryRequirements(device->handle, buffer->handle, &wanted);
-    const uint32_t type =
-        memory_type(device, wanted.memoryTypeBits,
-                    on_host ? VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT |
-                                  VK_MEMORY_PROPERTY_HOST_CACHED_BIT
-                            : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    const uint32_t type = on_host ? host_memory_type(device, wanted.memoryTypeBits)
+                                  : memory_type(device, wanted.memoryTypeBits, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
     if (type == UINT32_MAX)
         return cn_fail(CN_ERR_TOOL, "%s has no memory of the kind that is needed", device->base.info.name);
     const VkMemoryAllocateInfo memory = { .sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,

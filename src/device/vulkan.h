@@ -106,12 +106,12 @@ CN_NODISCARD cn_status cn_device_failed(cn_vulkan *device, VkResult result, cons
         if (cn_vk_result_ != VK_SUCCESS) return cn_device_failed(device, cn_vk_result_, what);                         \
     } while (0)
 
-/* on_host: memory that the host maps and reads fast; else the device's own memory. */
+/* on_host: memory that the host maps, and reads fast where the device has such memory; else the device's own. */
 CN_NODISCARD cn_status cn_device_buffer_create(cn_vulkan *device, size_t size, bool on_host, cn_device_buffer *buffer);
 void cn_device_buffer_destroy(cn_vulkan *device, cn_device_buffer *buffer);
 
-/* As in cn_device_type; the caller sets the type of the open device. When the driver has no shared memory, the memory
- * is the processor's, and is copied. */
+/* As in cn_device_type; the caller sets the type of the open device. When the driver has no shared memory left, the
+ * memory is the processor's: renders copy it, and no training opens on the device. */
 CN_NODISCARD cn_status cn_vulkan_list(cn_device_info list[CN_DEVICE_MAX], uint32_t *n);
 CN_NODISCARD cn_status cn_vulkan_open(long which, cn_device **device);
 void cn_vulkan_close(cn_device *device);

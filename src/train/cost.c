@@ -217,6 +217,12 @@ static cn_status step_seconds(const cn_context *ctx, cn_train_speed *speed, cons
     cn_status status = CN_OK;
     if (!(*step_s > 0)) {
         status = cn_train_probe(ctx, options, tile, n_photos, step_s);
+        if (status != CN_OK && cn_device_gave_up(ctx, status)) {
+            cn_context rest = *ctx;
+            rest.device = NULL;
+            free(key);
+            return step_seconds(&rest, speed, options, tile, step_s); /* the processor will train, too */
+        }
         if (status == CN_OK && json_object_set_new(speed->known, key, cn_json_real(*step_s)) == 0)
             write_cache(ctx, speed);
     }

@@ -361,7 +361,7 @@ static bool fits(const cn_context *ctx, const cn_train_input *input, const cn_tr
     return false;
 }
 
-/* Where the device is lost, the processor goes on. */
+/* Where the device fails, the processor goes on. */
 static cn_status train(const cn_context *ctx, const cn_train_input *input, const cn_train_options *options,
                        const char *parent_hash, const char *dir, cn_train_result *result)
 {
@@ -370,7 +370,7 @@ static cn_status train(const cn_context *ctx, const cn_train_input *input, const
     if (cn_device_is_lost(ctx) || !fits(ctx, input, options))
         return train_on(&rest, input, options, parent_hash, dir, result);
     const cn_status status = train_on(ctx, input, options, parent_hash, dir, result);
-    if (status == CN_OK || !cn_device_is_lost(ctx)) return status;
+    if (status == CN_OK || !cn_device_gave_up(ctx, status)) return status;
     cn_log(ctx, CN_LOG_WARN, "%s; the processor trains tile %s from its last checkpoint on", cn_error_message(),
            input->tile->id);
     return train_on(&rest, input, options, parent_hash, dir, result);

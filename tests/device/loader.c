@@ -4,6 +4,9 @@
  *   CONURB_TEST_DEVICES=N   every device N times
  *   CONURB_TEST_HARDWARE=1  software devices say that they are not
  *   CONURB_TEST_MB=N        no device has more than N MB of memory
+ *   CONURB_TEST_BUDGET_KB=N devices have N KB of memory (VK_EXT_memory_budget); what was allocated stays in use
+ *   CONURB_TEST_UNCACHED=1  the processor caches no memory of the devices
+ *   CONURB_TEST_MOST_KB=N   no more than N KB can be allocated at once
  *   CONURB_TEST_LOSE=N      the device is lost after N submissions */
 #define VK_NO_PROTOTYPES
 #include <dlfcn.h>
@@ -16,6 +19,7 @@ static PFN_vkGetInstanceProcAddr real;
 static PFN_vkGetDeviceProcAddr real_of_device;
 static VkInstance instance;
 static int submissions;
+static uint64_t allocated;
 
 static long setting(const char *name)
 {
@@ -58,23 +62,56 @@ static VKAPI_ATTR void VKAPI_CALL describe(VkPhysicalDevice device, VkPhysicalDe
     out->deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
 }
 
-static void shrink(VkPhysicalDeviceMemoryProperties *m)
+static void change_memory(VkPhysicalDeviceMemoryProperties *m)
 {
     const uint64_t most = (uint64_t)setting("CONURB_TEST_MB") * 1000000;
-    for (uint32_t i = 0; i < m->memoryHeapCount; i++)
+    for (uint32_t i = 0; most && i < m->memoryHeapCount; i++)
         if (m->memoryHeaps[i].size > most) m->memoryHeaps[i].size = most;
+    for (uint32_t i = 0; setting("CONURB_TEST_UNCACHED") && i < m->memoryTypeCount; i++)
+        m->memoryTypes[i].propertyFlags &= ~(VkMemoryPropertyFlags)VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
 }
 
 static VKAPI_ATTR void VKAPI_CALL heaps(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties *out)
 {
     REAL(GetPhysicalDeviceMemoryProperties)(device, out);
-    shrink(out);
+    change_memory(out);
 }
 
 static VKAPI_ATTR void VKAPI_CALL heaps2(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
 {
     REAL(GetPhysicalDeviceMemoryProperties2)(device, out);
-    shrink(&out->memoryProperties);
+    change_memory(&out->memoryProperties);
+    for (VkBaseOutStructure *p = out->pNext; p && setting("CONURB_TEST_BUDGET_KB"); p = p->pNext) {
+        if (p->sType != VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT) continue;
+        VkPhysicalDeviceMemoryBudgetPropertiesEXT *budget = (VkPhysicalDeviceMemoryBudgetPropertiesEXT *)(void *)p;
+        for (uint32_t i = 0; i < VK_MAX_MEMORY_HEAPS; i++) {
+            budget->heapBudget[i] = (VkDeviceSize)setting("CONURB_TEST_BUDGET_KB") * 1000;
+            budget->heapUsage[i] = __atomic_load_n(&allocated, __ATOMIC_RELAXED);
+        }
+    }
+}
+
+/* The device's extensions, and VK_EXT_memory_budget. */
+static VKAPI_ATTR VkResult VKAPI_CALL extensions(VkPhysicalDevice device, const char *layer, uint32_t *n,
+                                                 VkExtensionProperties *out)
+{
+    uint32_t found = out ? *n - 1 : 0;
+    const VkResult result = REAL(EnumerateDeviceExtensionProperties)(device, layer, &found, out);
+    if (out) {
+        out[found] = (VkExtensionProperties){ .specVersion = VK_EXT_MEMORY_BUDGET_SPEC_VERSION };
+        strcpy(out[found].extensionName, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
+    }
+    *n = found + 1;
+    return result;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL allocate(VkDevice device, const VkMemoryAllocateInfo *info,
+                                               const VkAllocationCallbacks *memory, VkDeviceMemory *out)
+{
+    const VkDeviceSize most = (VkDeviceSize)setting("CONURB_TEST_MOST_KB") * 1000;
+    if (most && info->allocationSize > most) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    __atomic_fetch_add(&allocated, info->allocationSize, __ATOMIC_RELAXED);
+    return ((PFN_vkAllocateMemory)real_of_device(device, "vkAllocateMemory"))(device, info, memory, out);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL lose(VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence)
@@ -102,7 +139,8 @@ static PFN_vkVoidFunction change(const changed *list, size_t n, const char *name
 
 static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL of_device(VkDevice device, const char *name)
 {
-    const changed list[] = { { "vkQueueSubmit", "CONURB_TEST_LOSE", F(lose) } };
+    const changed list[] = { { "vkQueueSubmit", "CONURB_TEST_LOSE", F(lose) },
+                             { "vkAllocateMemory", "CONURB_TEST_LOADER", F(allocate) } };
     const PFN_vkVoidFunction by = CHANGE(list, name);
     return by ? by : real_of_device(device, name);
 }
@@ -114,8 +152,9 @@ __attribute__((visibility("default"))) VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL 
                              { "vkEnumerateInstanceVersion", "CONURB_TEST_VERSION", F(version) },
                              { "vkEnumeratePhysicalDevices", "CONURB_TEST_DEVICES", F(enumerate) },
                              { "vkGetPhysicalDeviceProperties", "CONURB_TEST_HARDWARE", F(describe) },
-                             { "vkGetPhysicalDeviceMemoryProperties", "CONURB_TEST_MB", F(heaps) },
-                             { "vkGetPhysicalDeviceMemoryProperties2", "CONURB_TEST_MB", F(heaps2) },
+                             { "vkGetPhysicalDeviceMemoryProperties", "CONURB_TEST_LOADER", F(heaps) },
+                             { "vkGetPhysicalDeviceMemoryProperties2", "CONURB_TEST_LOADER", F(heaps2) },
+                             { "vkEnumerateDeviceExtensionProperties", "CONURB_TEST_BUDGET_KB", F(extensions) },
                              { "vkGetDeviceProcAddr", "CONURB_TEST_LOADER", F(of_device) } };
     if (!real) {
         void *loader = dlopen(getenv("CONURB_TEST_LOADER"), RTLD_NOW | RTLD_LOCAL);

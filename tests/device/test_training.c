@@ -1,11 +1,13 @@
 /* Training on a device of Vulkan as a whole: it learns as the processor does, gives the same bytes twice, checkpoints
- * go from one to the other, and a device that is lost leaves the rest to the processor. */
+ * go from one to the other, and a device that is lost, or lacks memory for a command, leaves the rest to the processor.
+ */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 
 #include <cmocka.h>
 
+#include "../unit/field/options.h"
 #include "../unit/train/synthetic.h"
 #include "base/file.h"
 #include "conurb/render.h"
@@ -25,7 +27,7 @@ enum { STEPS = 24, NIGHT_STEPS = 100 };
 static synthetic_scene synthetic;
 static int stop_flag;
 static double stop_at, checkpoint_every_s = 1e9;
-static uint32_t steps = STEPS;
+static uint32_t steps = STEPS, log2_table = 12;
 /* Times that the processor took over a training, an operation, or the rays for want of memory. */
 static uint32_t fell_back, left_over, rays_left;
 
@@ -48,6 +50,7 @@ static cn_train_options options(void)
 {
     cn_train_options o = synthetic_options();
     o.steps = steps;
+    field_set(&o.field, "log2_table", log2_table);
     o.samples_per_step = 4096;
     o.precision = CN_PRECISION_FLOAT;
     o.checkpoint_every_s = checkpoint_every_s;
@@ -318,6 +321,82 @@ static void test_a_lost_device(void **unused)
     cn_device_destroy(&device);
 }
 
+static VKAPI_ATTR VkResult VKAPI_CALL refuse(VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence)
+{
+    return submissions_left-- > 0 ? submit(queue, n, info, fence) : VK_ERROR_OUT_OF_DEVICE_MEMORY;
+}
+
+/* A device without memory for a command is not lost. The processor trains all the same, and measures its own speed. */
+static void test_a_device_that_refuses(void **unused)
+{
+    (void)unused;
+    const cn_train_options o = options();
+    cn_device *device;
+    cn_train_speed *speed;
+    double psnr, seconds;
+    uint64_t bytes;
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    cn_vulkan *vulkan = (cn_vulkan *)device;
+    submit = vulkan->QueueSubmit;
+    vulkan->QueueSubmit = refuse;
+    for (int after = 0; after <= 24; after += 12) {
+        char name[16];
+        snprintf(name, sizeof name, "refused%d", after);
+        submissions_left = after;
+        fell_back = 0;
+        assert_int_equal(train(device, name, 0, &psnr), CN_OK);
+        assert_int_equal(fell_back, 1);
+    }
+    const cn_context ctx = { .device = device };
+    assert_int_equal(cn_train_speed_create(&speed, NULL), CN_OK);
+    assert_int_equal(cn_train_speed_predict(&ctx, speed, &o, &synthetic.tile, &seconds, &bytes), CN_OK);
+    assert_true(seconds > 0);
+    cn_train_speed_destroy(&speed);
+    cn_device_destroy(&device);
+}
+
+static PFN_vkCmdDispatch dispatch;
+static uint32_t most_groups;
+
+static VKAPI_ATTR void VKAPI_CALL watch(VkCommandBuffer commands, uint32_t x, uint32_t y, uint32_t z)
+{
+    if (x > most_groups) most_groups = x;
+    dispatch(commands, x, y, z);
+}
+
+/* No pass has more groups of threads than the device runs. A level of the table may have more entries than their
+ * threads, and is trained to the same bytes; where another pass has more, the processor trains. */
+static void test_few_groups(void **unused)
+{
+    (void)unused;
+    enum { FEW = 300 };
+    char one[160], other[160];
+    double psnr;
+    cn_device *device;
+    log2_table = 17;
+    assert_int_equal(cn_device_create(choice[0], &device), CN_OK);
+    cn_vulkan *vulkan = (cn_vulkan *)device;
+    dispatch = vulkan->CmdDispatch;
+    vulkan->CmdDispatch = watch;
+    most_groups = 0;
+    assert_int_equal(train(device, "many groups", 0, &psnr), CN_OK);
+    assert_int_equal(most_groups, (1 << 17) / 256);
+    vulkan->properties.limits.maxComputeWorkGroupCount[0] = FEW;
+    most_groups = 0;
+    assert_int_equal(train(device, "few groups", 0, &psnr), CN_OK);
+    assert_in_range(most_groups, 1, FEW);
+    tile_of("many groups", one);
+    tile_of("few groups", other);
+    assert_true(same_bytes(one, other));
+    vulkan->properties.limits.maxComputeWorkGroupCount[0] = 4;
+    most_groups = fell_back = 0;
+    assert_int_equal(train(device, "too few groups", 0, &psnr), CN_OK);
+    assert_in_range(most_groups, 0, 4);
+    assert_int_equal(fell_back, 1);
+    log2_table = 12;
+    cn_device_destroy(&device);
+}
+
 /* What training takes is known before, to the byte. With one byte less the processor does it, and a line says so. The
  * same of the photos on top: with one byte less the processor draws the rays. */
 static void test_too_little_memory(void **unused)
@@ -363,6 +442,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_same_bytes_and_psnr),      cmocka_unit_test(test_black_ground),
         cmocka_unit_test(test_checkpoints_go_both_ways), cmocka_unit_test(test_a_lost_device),
+        cmocka_unit_test(test_a_device_that_refuses),    cmocka_unit_test(test_few_groups),
         cmocka_unit_test(test_cells_are_filled_again),   cmocka_unit_test(test_too_little_memory)
     };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The whole job with --device: no Vulkan, Vulkan too old, only software devices, too little memory, a device that is
-# lost in mid-training, kill -9 on one device with a resume on the other, and two devices at once. And which device the
-# program takes without --device.
+# The whole job with --device: no Vulkan, Vulkan too old, only software devices, too little memory, or none that the
+# processor shares or caches, a device that is lost in mid-training, kill -9 on one device with a resume on the other,
+# and two devices at once. And which device the program takes without --device.
 # usage: whole_job.sh CONURB MAKE_PHOTOS LOADER     LOADER: the folder of libvulkan.so.1 made of loader.c
 . "$(dirname "${BASH_SOURCE[0]}")/../flow/lib.sh"
 loader=$3
@@ -50,7 +50,7 @@ near() {
         bad "$3: $1 dB and $2 dB"
     fi
 }
-same_tile() { if cmp -s "$(tile "$1")" "$(tile "$2")"; then good; else bad "$3: not the processor's tile"; fi; }
+same_tile() { if cmp -s "$(tile "$1")" "$(tile "$2")"; then good; else bad "$3: not the tile of $2"; fi; }
 
 # again NAME: the city without its tiles.
 again() {
@@ -148,6 +148,30 @@ complaints
 says " from its last checkpoint on" "a lost device"
 says "resumes at step" "a lost device"
 near "$(psnr lost)" "$(psnr processor)" "held-out photos, a lost device"
+
+# Memory that both see: none that the processor caches, and too little of it for the trainer's arrays.
+again uncached
+expect 0 "training on " "no cached memory" with_loader CONURB_TEST_UNCACHED=1 \
+    "$conurb" train "$work/uncached" --device gpu:0
+complaints
+same_tile uncached device "no cached memory"
+again unshared
+expect 0 "has too little memory that it shares with the processor" "too little shared memory" \
+    with_loader CONURB_TEST_MOST_KB=12000 "$conurb" train "$work/unshared" --device gpu:0
+complaints
+says_not "training on " "too little shared memory"
+
+# The training takes 70 MB, its arrays 40 MB beside them: the photos have room in 140 MB.
+again budget
+expect 0 "training on " "a budget of memory" with_loader CONURB_TEST_BUDGET_KB=140000 \
+    "$conurb" train "$work/budget" --device gpu:0
+complaints
+says_not "has no room for the photos" "a budget of memory"
+same_tile budget device "a budget of memory"
+again spent
+expect 0 "has no room for the photos" "a budget that is spent" with_loader CONURB_TEST_BUDGET_KB=100000 \
+    "$conurb" train "$work/spent" --device gpu:0
+complaints
 
 # kill -9 in the middle, and the rest on the other device. The scalar kernels leave time for it.
 until_true() {

@@ -73,7 +73,7 @@ expect 0 "film" "the last chunk" "$conurb" render "$town" --chunk 2/3
 [ "$before" = "$(digest "$town/renders")" ] && good || bad "chunks are not the bytes of the whole"
 "$conurb" status "$town" --done render >"$work/out" 2>&1 && good ||
     bad "the frames are all there, and status does not say so"
-# The tiles are of the preset of city.yaml. Pods that wait for another one, by which the pods before train, wait.
+# The tiles are of the preset of city.yaml: those of another one are not done.
 expect 4 "train: 3 of 3 not done" "--done of another quality" "$conurb" status "$town" --done train --quality preview
 expect 2 "belongs to --done" "a quality of nothing" "$conurb" status "$town" --quality high
 
@@ -83,6 +83,9 @@ sed -i 's/^poses:/poses:\n  max_error_m: 3/' "$town/city.yaml"
 expect 4 "poses: 1 of 1 not done" "--done poses of other settings" "$conurb" status "$town" --done poses
 cp "$work/before.yaml" "$town/city.yaml"
 
+cp -a "$town" "$work/trained"
+sed -i "s|centres: centres.geojson|centres: $town/centres.geojson|" "$work/trained/city.yaml"
+rm -r "$work/trained"/{match,renders}
 # Two processes on one tile: the second ends. The lock of a dead process blocks nobody.
 sed -i 's/steps: 24/steps: 100000/' "$town/city.yaml"
 "$conurb" train "$town" --tile "${tiles[0]}" >/dev/null 2>&1 &
@@ -113,9 +116,35 @@ grep -q "render=.*--dependency=afterok:\$train:\$match " "$work/out" && good ||
 for script in "$town"/jobs/*.sbatch; do bash -n "$script" && good || bad "$script is no script"; done
 expect 0 "kubernetes.yaml" "submit to Kubernetes --dry-run" "$conurb" submit "$town" --engine kubernetes --dry-run \
     --max-tasks 2
-python3 "$here/manifest.py" "$town/jobs/kubernetes.yaml" 3 >"$work/out" 2>&1 && good || bad "the manifest"
+holds() { python3 "$here/manifest.py" "$1/jobs/kubernetes.yaml" "${@:2}" >"$work/out" 2>&1 && good || bad "$1: $*"; }
+grep -q "submit again" "$work/out" && good || bad "it does not say that other stages follow"
+holds "$town" train=3
 expect 0 "kubernetes.yaml" "submit of a quality" "$conurb" submit "$town" --engine kubernetes --dry-run --quality high
-grep -q -- "--done train --quality high" "$town/jobs/kubernetes.yaml" && good || bad "pods wait for another quality"
+grep -q -- "--quality high" "$town/jobs/kubernetes.yaml" && good || bad "the pods train another quality"
+# When the tiles are trained, the match, and then the frames.
+expect 0 "kubernetes.yaml" "submit of the match" "$conurb" submit "$work/trained" --engine kubernetes --dry-run
+holds "$work/trained" match=1
+expect 0 "match" "the match" "$conurb" match "$work/trained"
+expect 0 "kubernetes.yaml" "submit of the frames" "$conurb" submit "$work/trained" --engine kubernetes --dry-run
+grep -q "submit again" "$work/out" && bad "other stages follow the last" || good
+holds "$work/trained" render=1
+# Every task gets time and memory by what it does, the scores too.
+cp -a "$town" "$work/scored"
+sed -i 's/hold_out_every: 0/hold_out_every: 4/' "$work/scored/city.yaml"
+rm -r "$work/scored/jobs"
+expect 0 "tiles" "a plan with photos to score" "$conurb" plan "$work/scored"
+expect 0 "eval=" "submit with scores" "$conurb" submit "$work/scored" --engine slurm --dry-run
+for stage in train eval match render; do
+    asked=$(sed -n 's/^#SBATCH --\(mem\|time\)=\([0-9]*\).*/\2/p' "$work/scored/jobs/$stage"-*.sbatch | tr '\n' ' ')
+    read -r memory minutes <<<"$asked"
+    [ "${memory:-0}" -gt 512 ] && [ "${minutes:-0}" -gt 10 ] && good ||
+        bad "$stage asks for $memory MB, $minutes minutes"
+done
+# A budget of time passes as slowly on four processors as on one.
+sed -i 's/^train:/train:\n  time_budget_s: 3600/' "$work/scored/city.yaml"
+rm -r "$work/scored/jobs"
+expect 0 "train=" "submit of a budget" "$conurb" submit "$work/scored" --engine slurm --dry-run --cpus 4
+grep -q -- "--time=82$" "$work/scored/jobs"/train-*.sbatch && good || bad "an hour of training does not get 82 minutes"
 mkdir "$work/site"
 sed 's/^##SBATCH --partition=/#SBATCH --partition=night/' "$here/../../jobs/slurm.sbatch" >"$work/site/slurm.sbatch"
 expect 0 "train" "a site's template" "$conurb" submit "$town" --engine slurm --dry-run --template "$work/site"

@@ -94,8 +94,8 @@ grep -q "merge=.*--dependency=afterany:\$group " "$work/out" && good || bad "the
 for script in "$work"/far/jobs/*.sbatch; do bash -n "$script" && good || bad "$script is no script"; done
 expect 0 "kubernetes.yaml" "groups on Kubernetes" "$conurb" submit "$work/far" --engine kubernetes --dry-run
 manifest=$work/far/jobs/kubernetes.yaml
-grep -q "completions: $n" "$manifest" && grep -q -- "--done group" "$manifest" && good ||
-    bad "the manifest has no groups, or a merge that does not wait"
+grep -q "completions: $n" "$manifest" && ! grep -q -- "--merge" "$manifest" && good ||
+    bad "the manifest has no groups, or their merge at the same time"
 
 # Few photos, or group_photos: 0, need no groups.
 make few

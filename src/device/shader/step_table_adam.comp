@@ -1,5 +1,6 @@
 #version 460
-// Adam on the entries of the table that have a gradient, an entry a thread. The state of a block of 8 entries is
+// Adam on the entries of the table that have a gradient. A thread takes one entry after the other, as many threads
+// apart as there are: a level may have more entries than a device starts threads. The state of a block of 8 entries is
 // contiguous: low halves, m and v, two features in a word; so threads side by side read words side by side.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -33,12 +34,10 @@ uint with_half(uint word, uint f, uint x)
     return f == 0 ? (word & 0xffff0000u) | x : (word & 0xffffu) | x << 16;
 }
 
-void main()
+void optimise(uint at, uint which, uvec4 l)
 {
-    const uint at = gl_GlobalInvocationID.x, which = gl_GlobalInvocationID.y;
-    const uvec4 l = level[which];
     const uint block = (l.z >> 3) + which + at / TOUCH;
-    if (at >= l.y || touched[block] == 0) return;
+    if (touched[block] == 0) return;
     const uint entry = l.z + at, word = block * STATE_WORDS + at % TOUCH;
     const uvec4 sums = fixed_sum[entry];
     if (sums == uvec4(0)) return;
@@ -64,4 +63,12 @@ void main()
     state[word] = low_halves;
     state[word + M] = m_halves;
     state[word + V] = v_halves;
+}
+
+void main()
+{
+    const uint which = gl_GlobalInvocationID.y;
+    const uvec4 l = level[which];
+    for (uint at = gl_GlobalInvocationID.x; at < l.y; at += gl_NumWorkGroups.x * gl_WorkGroupSize.x)
+        optimise(at, which, l);
 }

@@ -159,6 +159,23 @@ static void test_no_squeue(void **state)
     assert_non_null(strstr(fake_log(), "the queue is not known: cannot run squeue"));
 }
 
+/* A squeue that fails says nothing of the jobs. When all of them have left the queue, it fails too, and that is known.
+ */
+static void test_squeue_fails(void **state)
+{
+    (void)state;
+    join(
+        "echo '12_1|RUNNING|node1|None'; echo 'slurm_load_jobs error: Unable to contact slurm controller' >&2; exit 1");
+    assert_string_equal(known.queue, "squeue ended with 1: slurm_load_jobs error: Unable to contact slurm controller");
+    assert_int_equal(rows[TILE_A].work, CN_WORK_QUEUED);
+    known.queue[0] = '\0';
+    join("echo 'slurm_load_jobs error: Invalid job id specified' >&2; exit 1");
+    assert_string_equal(known.queue, "");
+    fake_no_program();
+    cn_queue_join(&fake_ctx, &city, &known);
+    assert_string_equal(known.queue, "");
+}
+
 /* One job makes the poses and then the plan. */
 static void test_prepare(void **state)
 {
@@ -183,6 +200,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_nothing_to_ask, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_damaged_record, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_no_squeue, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_squeue_fails, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_prepare, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

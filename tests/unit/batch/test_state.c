@@ -152,6 +152,23 @@ static void test_first_submission(void **state)
     assert_null(strstr(calls, "--parsable"));
     free(calls);
     assert_non_null(strstr(fake_log(), "nothing to submit"));
+    /* What is in a queue that does not answer is not submitted again. */
+    fake_program("squeue", "echo 'no controller' >&2; exit 1");
+    fake_write("calls", "");
+    assert_int_equal(cn_city_submit(&fake_ctx, city, &options), CN_ERR_TOOL);
+    assert_non_null(strstr(cn_error_message(), "squeue ended with 1: no controller"));
+    cn_city_state queue;
+    char *json;
+    assert_int_equal(cn_city_state_read(&fake_ctx, city, &queue), CN_OK);
+    assert_int_equal(cn_city_state_json(&queue, &json), CN_OK);
+    assert_non_null(strstr(json, "\"queue\":\"squeue ended with 1: no controller\""));
+    free(json);
+    cn_city_state_deinit(&queue);
+    calls = fake_read("calls");
+    assert_null(strstr(calls, "--parsable"));
+    free(calls);
+    fake_program("squeue", "cat \"${0%/*}/queue\"");
+    fake_write("calls", "");
     fake_write("queue", "");
     assert_int_equal(cn_city_submit(&fake_ctx, city, &options), CN_OK);
     calls = fake_read("calls");
