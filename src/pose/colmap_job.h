@@ -19,6 +19,7 @@ typedef struct cn_colmap_job {
     char *log, *database, *images; /* images: folder that COLMAP reads */
     char *note;                    /* file that names the running COLMAP */
     char threads[16];
+    size_t most_bytes; /* of descriptors in memory while pairs are matched here; 0: half a gigabyte */
     bool linked;
     uint64_t chain; /* hash of all inputs up to this stage */
     const char *stage;
