@@ -27,18 +27,31 @@ static cn_status read_aligned(const cn_colmap_task *task, const char *model, cn_
     return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
 }
 
+/* Each view is core where its photo is; *out is NULL without a core. The caller frees it. */
+static cn_status core_of_views(const bool *core, const cn_panorama_cut *cut, bool **out)
+{
+    *out = core ? malloc(cut->index.n_photos + (size_t)1) : NULL;
+    if (core && !*out) return cn_fail(CN_ERR_NOMEM, "out of memory for views of 360 degree photos");
+    for (uint32_t i = 0; core && i < cut->index.n_photos; i++)
+        (*out)[i] = core[cut->photo[i]];
+    return CN_OK;
+}
+
 /* Photos of all directions, and others among them: COLMAP poses their views. */
 static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_frame *frame, uint32_t *n_models)
 {
     cn_panorama_cut cut;
     cn_colmap_result result = { 0 };
     cn_scene pieces = { 0 };
+    bool *core = NULL;
     cn_status status = cn_panorama_cut_make(task->ctx, task->index, task->dir, &cut);
+    if (status == CN_OK) status = core_of_views(task->core, &cut, &core);
     if (status == CN_OK) {
         cn_pose_options options = *task->options;
         cn_colmap_task pass = *task;
         pass.index = &cut.index;
         pass.options = &options;
+        pass.core = core;
         pass.rig_views = true;
         pass.fix_focal = options.refine_focal == CN_OFF || cut.n_panoramas == task->index->n_photos;
         /* Neighbours of a photo become neighbours of each of its views, beside those of the same place. */
@@ -60,6 +73,7 @@ static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_
     cn_scene_deinit(&pieces);
     cn_colmap_result_deinit(&result);
     cn_panorama_cut_deinit(&cut);
+    free(core);
     CN_TRY(status);
     return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
 }
