@@ -62,7 +62,8 @@ static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_
                cut.n_panoramas, task->index->n_photos, CN_PANORAMA_VIEWS);
         status = cn_colmap_poses(&pass, &result);
         if (status == CN_OK) status = cn_pose_read_result(task->ctx, &cut.index, result.model, &pieces);
-        if (status == CN_OK) status = cn_panorama_join(task->ctx, &cut, task->index, &pieces, scene);
+        const bool keep_focal = options.refine_focal == CN_OFF;
+        if (status == CN_OK) status = cn_panorama_join(task->ctx, &cut, task->index, &pieces, keep_focal, scene);
     }
     *n_models = result.n_models;
     /* The database has views, not photos. */
