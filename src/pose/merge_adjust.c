@@ -269,7 +269,7 @@ static cn_status settle_odd(const adjusting *a)
         status = adjust_without(a, odd);
         const bool solved = status == CN_OK;
         /* What cannot be adjusted stays, too: the scene was fine before. */
-        if (status == CN_ERR_DATA || status == CN_ERR_FORMAT) status = CN_OK;
+        if (status == CN_ERR_DATA) status = CN_OK;
         const uint64_t after = solved ? count_fits(scene, odd) : 0;
         const bool better = (double)after >= MORE * (double)before;
         if (status == CN_OK)
