@@ -6,6 +6,7 @@
 #include "base/units.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
+#include "pose/colmap_options.h"
 #include "pose/ladder.h"
 #include "pose/pair_matcher.h"
 #include "pose/scene.h"
@@ -49,8 +50,10 @@ static cn_status run(search *s, int k, const char *what, const char *const *argv
     int exit_code;
     const cn_progress_report report = { "locate", what, k, 3, cn_now_s() - s->started_s, -1, NULL };
     cn_progress(s->ctx, &report);
+    const char *words[CN_JOB_WORDS];
+    CN_TRY(cn_colmap_rename(s->ctx, argv, words));
     s->last[0] = '\0';
-    const cn_status status = cn_process_run(s->ctx, argv, s->log, on_line, s, &exit_code);
+    const cn_status status = cn_process_run(s->ctx, words, s->log, on_line, s, &exit_code);
     if (status == CN_ERR_TOOL)
         return cn_fail(
             CN_ERR_TOOL,
