@@ -108,6 +108,7 @@ static cn_status extract(search *s)
     return run(s, 0, "features", argv);
 }
 
+#define FARTHEST_DEG 360.0 /* as good as that are photos whose place is not known */
 typedef struct candidate {
     double far;
     uint32_t photo;
@@ -118,19 +119,33 @@ static int by_distance(const void *a, const void *b)
     return x->far != y->far ? (x->far < y->far ? -1 : 1) : (x->photo > y->photo) - (x->photo < y->photo);
 }
 
-/* The posed photos to match with, best first: the nearest by GPS; without GPS, evenly spaced in the order of names. */
+/* Whether the query photo and more than half of the posed photos have GPS. */
+static bool has_places(const search *s)
+{
+    uint64_t n = 0;
+    for (uint32_t i = 0; i < s->posed->n_views; i++)
+        n += s->index->photos[s->posed->views[i].photo].has_gps;
+    return s->query->photos[0].has_gps && 2 * n > s->posed->n_views;
+}
+
+/* The posed photos to match with, best first: the nearest by GPS, then those without it; where too few have GPS, all
+ * evenly spaced in the order of names. */
 static uint32_t choose(const search *s, candidate *out)
 {
     const cn_photo *query = &s->query->photos[0];
     const uint32_t n = s->posed->n_views;
+    const bool by_gps = has_places(s);
     for (uint32_t i = 0; i < n; i++) {
         const cn_photo *p = &s->index->photos[s->posed->views[i].photo];
-        out[i] = (candidate){ (double)((uint64_t)i * MOST_MATCHED % n), s->posed->views[i].photo };
-        if (!query->has_gps) continue;
+        const double spread = (double)((uint64_t)i * MOST_MATCHED % n);
         /* The shorter way round: 179.9 degrees east and 179.9 degrees west are near. */
         const double turn_deg = remainder(p->longitude_deg - query->longitude_deg, 360);
         const double east = turn_deg * cos(cn_radians(query->latitude_deg));
-        out[i].far = p->has_gps ? hypot(east, p->latitude_deg - query->latitude_deg) : INFINITY;
+        const double far_deg = hypot(east, p->latitude_deg - query->latitude_deg);
+        out[i] = (candidate){ !by_gps      ? spread
+                              : p->has_gps ? far_deg
+                                           : FARTHEST_DEG + spread,
+                              s->posed->views[i].photo };
     }
     qsort(out, n, sizeof *out, by_distance);
     return n < MOST_MATCHED ? n : MOST_MATCHED;

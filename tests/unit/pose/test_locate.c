@@ -160,39 +160,87 @@ static void test_found(void **state)
     cn_scene_deinit(&scene);
 }
 
-/* The photos to match with are the nearest ones, also across 180 degrees. */
-static void test_nearest_across_the_antimeridian(void **state)
+/* A query photo at 10 N, 179.999 W. */
+static void write_query_with_gps(void)
 {
-    (void)state;
-    static const double longitudes[N] = { -179.9, 179.99, 0, 179.999 };
-    static const double latitude[3] = { 10, 0, 0 }, longitude[3] = { 179, 59, 56.4 }; /* 179.999 W */
+    static const double latitude[3] = { 10, 0, 0 }, longitude[3] = { 179, 59, 56.4 };
     static float rgb[64 * 48 * 3];
     const cn_oiio_attribute gps[] = { { "GPS:Latitude", NULL, latitude, 3 },
                                       { "GPS:LatitudeRef", "N", NULL, 0 },
                                       { "GPS:Longitude", NULL, longitude, 3 },
                                       { "GPS:LongitudeRef", "W", NULL, 0 },
                                       { NULL, NULL, NULL, 0 } };
-    cn_pose_options options = cn_pose_options_default();
-    options.match_with = CN_MATCH_WITH_COLMAP;
-    cn_photo_index query;
-    cn_scene scene, out;
-    char path[160], *text;
-    size_t size;
-    make_poses(&options, &scene);
     snprintf(query_path, sizeof query_path, "%s/west.jpg", folder);
     assert_int_equal(cn_oiio_write_jpeg(query_path, rgb, 64, 48, gps), CN_OK);
-    for (int i = 0; i < N; i++) {
-        photos[i].has_gps = true;
-        photos[i].latitude_deg = 10;
-        photos[i].longitude_deg = longitudes[i];
-    }
-    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA); /* COLMAP finds another photo */
+}
+
+static void put_gps(cn_photo *photo, double longitude_deg)
+{
+    photo->has_gps = true;
+    photo->latitude_deg = 10;
+    photo->longitude_deg = longitude_deg;
+}
+
+/* Looks for the query photo, and checks the first letters of the photos that it is matched with, in their order. */
+static void check_matched(const cn_pose_options *how, const cn_scene *scene, const char *letters)
+{
+    cn_photo_index query;
+    cn_scene out;
+    char path[160], *text;
+    size_t size;
+    const cn_status status = locate(how, scene, &query, &out); /* COLMAP finds another photo */
+    if (status != CN_ERR_DATA) fail_msg("%s", cn_error_message());
     snprintf(path, sizeof path, "%s/pairs.txt", work);
     assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
-    assert_string_equal(text, "conurb-query.jpg d.jpg\nconurb-query.jpg b.jpg\nconurb-query.jpg a.jpg\n"
-                              "conurb-query.jpg c.jpg\n");
+    const char *line = text;
+    for (; *letters; letters++, line = strchr(line, '\n') + 1)
+        if (strncmp(line, "conurb-query.jpg ", 17) != 0 || line[17] != *letters) fail_msg("%c: %s", *letters, line);
+    assert_string_equal(line, "");
     free(text);
+}
+
+/* The photos to match with are the nearest ones, also across 180 degrees. */
+static void test_nearest_across_the_antimeridian(void **state)
+{
+    (void)state;
+    static const double longitudes[N] = { -179.9, 179.99, 0, 179.999 };
+    cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
+    cn_scene scene;
+    make_poses(&options, &scene);
+    write_query_with_gps();
+    for (int i = 0; i < N; i++)
+        put_gps(&photos[i], longitudes[i]);
+    check_matched(&options, &scene, "dbac");
     cn_scene_deinit(&scene);
+}
+
+/* Where the query photo has GPS, but few of the others have, all are taken in even steps, not the first ones by name.
+ * Where most have it, the others come last. */
+static void test_few_with_gps(void **state)
+{
+    (void)state;
+    enum { SEVEN = 7 };
+    cn_photo seven[SEVEN];
+    cn_view views[SEVEN] = { 0 };
+    const cn_scene posed = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = SEVEN };
+    cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
+    options.colmap = program;
+    options.attempts = 1;
+    assert_int_equal(mkdir(dir, 0777), 0);
+    fake_colmap_photos(seven, SEVEN, 64, 48);
+    photo_index = (cn_photo_index){ .folder = folder, .photos = seven, .n_photos = SEVEN };
+    for (uint32_t i = 0; i < SEVEN; i++)
+        views[i] = (cn_view){ .name = seven[i].name, .photo = i };
+    write_query_with_gps();
+    put_gps(&seven[5], 0);
+    check_matched(&options, &posed, "acegbdf");
+    for (int i = 0; i < 4; i++)
+        put_gps(&seven[i], 170 + i);
+    snprintf(work, sizeof work, "%s/work2", folder);
+    assert_int_equal(mkdir(work, 0777), 0);
+    check_matched(&options, &posed, "dcbafeg");
 }
 
 /* Imported poses, in a frame of their own: COLMAP goes through the collection first, beside them. */
@@ -302,8 +350,8 @@ static void test_not_found(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_found), TEST(test_nearest_across_the_antimeridian),
-                                        TEST(test_found_among_imported), TEST(test_matched_here),
-                                        TEST(test_not_found) };
+    const struct CMUnitTest tests[] = { TEST(test_found),        TEST(test_nearest_across_the_antimeridian),
+                                        TEST(test_few_with_gps), TEST(test_found_among_imported),
+                                        TEST(test_matched_here), TEST(test_not_found) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
