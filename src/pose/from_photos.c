@@ -21,6 +21,11 @@ bool cn_pose_has_focal(const cn_photo_index *index)
     return false;
 }
 
+bool cn_pose_keeps_focal(const cn_photo_index *index, cn_tristate refine_focal, bool nadir)
+{
+    return refine_focal == CN_OFF || (refine_focal == CN_AUTO && nadir && cn_pose_has_focal(index));
+}
+
 static cn_status read_aligned(const cn_colmap_task *task, const char *model, cn_scene *scene, cn_frame *frame)
 {
     CN_TRY(cn_pose_read_result(task->ctx, task->index, model, scene));
