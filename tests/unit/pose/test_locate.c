@@ -12,6 +12,7 @@
 #include "kernel/kernel.h"
 #include "conurb/pose.h"
 #include "math/linalg.h"
+#include "pose/groups.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -36,9 +37,10 @@ static void view_of(int i, cn_view *view)
         view->translation[a] = -view->translation[a];
 }
 
-static void write_model(const char *name, bool with_query)
+static void write_model(const char *name, bool with_query, const char *as)
 {
-    static char query_name[] = "conurb-query.png";
+    char query_name[32];
+    snprintf(query_name, sizeof query_name, "%s", as);
     cn_view views[N + 1] = { 0 };
     char path[160];
     for (int i = 0; i <= N; i++) {
@@ -82,8 +84,8 @@ static int set_up(void **state)
     for (size_t i = 0; i < sizeof rgb / sizeof *rgb; i++)
         rgb[i] = (float)(i % 7) / 7;
     if (mkdir(work, 0777) != 0 || cn_oiio_write_png(query_path, rgb, 64, 48, 3, NULL) != CN_OK) return -1;
-    write_model("without", false);
-    write_model("with", true);
+    write_model("without", false, "");
+    write_model("with", true, "conurb-query.png");
     write_registrator("with");
     return 0;
 }
@@ -243,6 +245,54 @@ static void test_few_with_gps(void **state)
     check_matched(&options, &posed, "dcbafeg");
 }
 
+/* Two groups, of which the second one has a model. */
+static void make_groups(void)
+{
+    uint32_t first[] = { 0, 1, 2 }, second[] = { 3, 1, 2 };
+    cn_photo_group list[] = { { first, 3, 3 }, { second, 3, 1 } };
+    const cn_photo_groups groups = { list, 2 };
+    char path[160];
+    snprintf(path, sizeof path, "%s/groups/002/model", dir);
+    assert_int_equal(cn_folder_make(path), CN_OK);
+    snprintf(path, sizeof path, "%s/groups/002/model/images.bin", dir);
+    assert_int_equal(cn_file_write(path, "", 0), CN_OK);
+    snprintf(path, sizeof path, "%s/groups/groups.json", dir);
+    assert_int_equal(cn_photo_groups_save(&groups, "key", "GPS", path), CN_OK);
+}
+
+/* In a collection that was posed in groups, the photo is found in the nearest one. The collection is not posed again.
+ */
+static void test_found_in_a_group(void **state)
+{
+    (void)state;
+    cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
+    cn_photo_index query;
+    cn_scene scene, out;
+    char whole[160];
+    make_poses(&options, &scene);
+    snprintf(whole, sizeof whole, "--database_path %s/database.db", dir);
+    const size_t n_whole = file_count(folder, "calls", whole);
+    make_groups();
+    options.group_photos = 1;
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "a dusk.png: the collection was posed in groups"));
+    write_query_with_gps();
+    for (int i = 0; i < N; i++)
+        put_gps(&photos[i], -179);
+    write_model("with", true, "conurb-query.jpg");
+    snprintf(work, sizeof work, "%s/work2", folder);
+    assert_int_equal(mkdir(work, 0777), 0);
+    if (locate(&options, &scene, &query, &out) != CN_OK) fail_msg("%s", cn_error_message());
+    check_place(&scene, &out.views[0]);
+    assert_int_equal(file_count(folder, "calls", whole), n_whole);
+    assert_true(was_called("groups/002/database.db"));
+    assert_false(was_called("groups/001"));
+    cn_scene_deinit(&out);
+    cn_photo_index_deinit(&query);
+    cn_scene_deinit(&scene);
+}
+
 /* Imported poses, in a frame of their own: COLMAP goes through the collection first, beside them. */
 static void test_found_among_imported(void **state)
 {
@@ -350,8 +400,12 @@ static void test_not_found(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_found),        TEST(test_nearest_across_the_antimeridian),
-                                        TEST(test_few_with_gps), TEST(test_found_among_imported),
-                                        TEST(test_matched_here), TEST(test_not_found) };
+    const struct CMUnitTest tests[] = { TEST(test_found),
+                                        TEST(test_nearest_across_the_antimeridian),
+                                        TEST(test_few_with_gps),
+                                        TEST(test_found_in_a_group),
+                                        TEST(test_found_among_imported),
+                                        TEST(test_matched_here),
+                                        TEST(test_not_found) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
