@@ -267,8 +267,10 @@ typedef struct cn_pose_collection {
 } cn_pose_collection;
 /* Finds the pose of a query photo, which is not in the collection. The collection's own poses do not change. COLMAP
  * registers the photo in the model in collection->dir. It matches features with up to 60 photos: the nearest by GPS,
- * else spread over the collection. When the poses were imported, COLMAP first processes the whole collection (minutes
- * for tens of photos) and keeps the result in dir/colmap.
+ * where the query and more than half of the collection have it, else spread over the collection. When the poses were
+ * imported, COLMAP first processes the whole collection (minutes for tens of photos) and keeps the result in
+ * dir/colmap. Where they were made in groups, COLMAP works with the group that has the most of these photos; without
+ * GPS, that is CN_ERR_DATA.
  *
  * The result is in the frame of collection->scene. *query: an index with only this photo. *out: a scene with its view
  * and camera. work: an empty folder for temporary files. The caller frees query and out; both are empty on failure.

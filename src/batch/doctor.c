@@ -8,6 +8,7 @@
 #include "batch/queue.h"
 #include "geo/geoid.h"
 #include "kernel/kernel.h"
+#include "pose/colmap_options.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -229,6 +230,8 @@ static void check_colmap(const cn_context *ctx, cn_check *check)
     const size_t used = strlen(check->found);
     snprintf(check->found + used, sizeof check->found - used, "; groups of photos are mapped by %s global mapper",
              has ? "its" : "Conurb's");
+    check->good = cn_colmap_check_options(ctx, help[0]) == CN_OK;
+    if (!check->good) snprintf(check->lack, sizeof check->lack, "%s", cn_error_message());
 }
 
 static void check_slurm(const cn_context *ctx, cn_check *check)

@@ -133,7 +133,7 @@ bool cn_scene_triangulate(const cn_scene *scene, const cn_point_mark *marks, uin
 
 /* ---- Adjustment ---- */
 
-static void lens_to(const cn_camera *camera, const cn_scene_adjustment *how, uint64_t n_seen, cn_adjust_camera *out)
+static void lens_to(const cn_camera *camera, const cn_scene_adjustment *how, bool held, cn_adjust_camera *out)
 {
     const bool one_focal = camera->lens == CN_LENS_SIMPLE_PINHOLE || camera->lens == CN_LENS_SIMPLE_RADIAL ||
                            camera->lens == CN_LENS_RADIAL;
@@ -141,9 +141,22 @@ static void lens_to(const cn_camera *camera, const cn_scene_adjustment *how, uin
     *out = (cn_adjust_camera){ .lens = (int)camera->lens, .fixed = how->keep_focal ? focal : 0u };
     out->sigma[centre] = out->sigma[centre + 1] = CENTRE_SIGMA * fmax(camera->width, camera->height);
     if (how->keep_centre) out->fixed |= 3u << centre;
-    if (how->keep_lenses || n_seen < FEWEST_FOR_A_LENS || camera->lens == CN_LENS_EQUIRECTANGULAR)
-        out->fixed = CN_ADJUST_ALL_FIXED;
+    if (held) out->fixed = CN_ADJUST_ALL_FIXED;
     memcpy(out->params, camera->params, sizeof out->params);
+}
+
+/* Marks the cameras whose lens stays as it is. */
+static cn_status choose_held(const cn_scene *scene, const cn_scene_adjustment *how, bool *held)
+{
+    uint64_t *n_seen = calloc(scene->n_cameras + (size_t)1, sizeof *n_seen);
+    if (!n_seen) return cn_fail(CN_ERR_NOMEM, "out of memory adjusting %u photos", scene->n_views);
+    for (uint64_t i = 0; i < scene->n_observations; i++)
+        n_seen[scene->views[scene->observations[i].view].camera]++;
+    for (uint32_t i = 0; i < scene->n_cameras; i++)
+        held[i] =
+            how->keep_lenses || n_seen[i] < FEWEST_FOR_A_LENS || scene->cameras[i].lens == CN_LENS_EQUIRECTANGULAR;
+    free(n_seen);
+    return CN_OK;
 }
 
 static void put_prior(const cn_place_prior *prior, double place[3], double sigma[3])
@@ -152,12 +165,10 @@ static void put_prior(const cn_place_prior *prior, double place[3], double sigma
     memcpy(sigma, prior->sigma, sizeof prior->sigma);
 }
 
-static void fill_blocks(const cn_scene *scene, const cn_scene_adjustment *how, cn_adjust_problem *p, uint64_t *n_seen)
+static void fill_blocks(const cn_scene *scene, const cn_scene_adjustment *how, const bool *held, cn_adjust_problem *p)
 {
-    for (uint64_t i = 0; i < scene->n_observations; i++)
-        n_seen[scene->views[scene->observations[i].view].camera]++;
     for (uint32_t i = 0; i < scene->n_cameras; i++)
-        lens_to(&scene->cameras[i], how, n_seen[i], &p->cameras[i]);
+        lens_to(&scene->cameras[i], how, held[i], &p->cameras[i]);
     for (uint32_t i = 0; i < scene->n_views; i++) {
         const cn_view *view = &scene->views[i];
         cn_adjust_pose *pose = &p->poses[i];
@@ -231,16 +242,30 @@ static void take_back(cn_scene *scene, cn_scene_adjustment *how, const cn_adjust
         memcpy(how->points[i].xyz, p->points[scene->n_points + i].xyz, sizeof how->points[i].xyz);
 }
 
-/* A lens that the adjustment bent beyond what lenses do must not be used. */
-static cn_status check_lenses(const cn_scene *scene, const cn_adjust_problem *p)
+static const char *photo_of(const cn_scene *scene, uint32_t camera)
 {
+    for (uint32_t i = 0; i < scene->n_views; i++)
+        if (scene->views[i].camera == camera && scene->views[i].name) return scene->views[i].name;
+    return "no photo";
+}
+
+/* A lens that the adjustment bent beyond what lenses do must not be used. It is held as it was, for one camera must not
+ * cost the poses of all. True: there was one, and the adjustment has to be done again. */
+static bool hold_bent(const cn_context *ctx, const cn_scene *scene, const cn_adjust_problem *p, bool *held)
+{
+    bool found = false;
     for (uint32_t i = 0; i < scene->n_cameras; i++) {
         cn_camera camera = scene->cameras[i];
         memcpy(camera.params, p->cameras[i].params, sizeof camera.params);
-        CN_TRY(cn_camera_check(&camera, "adjustment"));
-        CN_TRY(cn_camera_check_inverse(&camera, "adjustment", "a camera"));
+        if (held[i] || (cn_camera_check(&camera, "adjustment") == CN_OK &&
+                        cn_camera_check_inverse(&camera, "adjustment", "a camera") == CN_OK))
+            continue;
+        held[i] = found = true;
+        cn_log(ctx, CN_LOG_INFO,
+               "the adjustment bends the lens of camera %u (of %s) beyond what lenses do: it stays as it was",
+               camera.id, photo_of(scene, i));
     }
-    return CN_OK;
+    return found;
 }
 
 cn_status cn_scene_adjust(const cn_context *ctx, cn_scene *scene, cn_scene_adjustment *how, cn_adjust_result *result)
@@ -248,7 +273,7 @@ cn_status cn_scene_adjust(const cn_context *ctx, cn_scene *scene, cn_scene_adjus
     const size_t n_points = (size_t)scene->n_points + how->n_points;
     const size_t n_seen = scene->n_observations + how->n_marks;
     cn_adjust_observation *seen = malloc((n_seen + 1) * sizeof *seen);
-    uint64_t *counts = calloc(scene->n_cameras + (size_t)1, sizeof *counts);
+    bool *held = calloc(scene->n_cameras + (size_t)1, sizeof *held);
     cn_adjust_problem p = { .cameras = malloc((scene->n_cameras + (size_t)1) * sizeof *p.cameras),
                             .poses = malloc((scene->n_views + (size_t)1) * sizeof *p.poses),
                             .points = malloc((n_points + 1) * sizeof *p.points),
@@ -258,23 +283,25 @@ cn_status cn_scene_adjust(const cn_context *ctx, cn_scene *scene, cn_scene_adjus
                             .n_points = (uint32_t)n_points,
                             .n_observations = n_seen };
     cn_status status = CN_OK;
-    if (!seen || !counts || !p.cameras || !p.poses || !p.points || n_points > UINT32_MAX)
+    if (!seen || !held || !p.cameras || !p.poses || !p.points || n_points > UINT32_MAX)
         status = cn_fail(CN_ERR_NOMEM, "out of memory adjusting %u photos", scene->n_views);
     double tie_sigma_px = 1.0;
     if (status == CN_OK) status = measure_ties(scene, &tie_sigma_px);
+    if (status == CN_OK) status = choose_held(scene, how, held);
     if (status == CN_OK) {
         cn_adjust_options options = how->options;
         if (!options.max_bytes) options.max_bytes = MOST_BYTES;
-        fill_blocks(scene, how, &p, counts);
         fill_observations(scene, how, tie_sigma_px, seen);
-        status = cn_ceres_adjust(ctx, &p, &options, result);
+        do {
+            fill_blocks(scene, how, held, &p);
+            status = cn_ceres_adjust(ctx, &p, &options, result);
+        } while (status == CN_OK && hold_bent(ctx, scene, &p, held));
     }
-    if (status == CN_OK) status = check_lenses(scene, &p);
     if (status == CN_OK) take_back(scene, how, &p);
     free(p.cameras);
     free(p.poses);
     free(p.points);
     free(seen);
-    free(counts);
+    free(held);
     return status;
 }

@@ -32,8 +32,8 @@ typedef struct cn_scene_adjustment {
 
 /* Adjusts poses, sparse points, marked points, and the cameras' lenses. Principal points are held within some
  * thousandths of the picture of where they were, for near-parallel views leave them open. Lenses of cameras with few
- * observations stay. Tie points weigh by their median error before. On failure the scene is as it was. Errors as
- * cn_ceres_adjust. */
+ * observations stay, and those that it would bend beyond what lenses do. Tie points weigh by their median error before.
+ * On failure the scene is as it was. Errors as cn_ceres_adjust. */
 CN_NODISCARD cn_status cn_scene_adjust(const cn_context *ctx, cn_scene *scene, cn_scene_adjustment *how,
                                        cn_adjust_result *result);
 

@@ -6,6 +6,7 @@
 #include "base/hash.h"
 #include "base/json.h"
 #include "base/process.h"
+#include "pose/colmap_options.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -80,10 +81,12 @@ static void on_line(void *user, char *line)
 
 cn_status cn_job_run(cn_colmap_job *j, const char *const *argv, int *exit_code)
 {
+    const char *words[CN_JOB_WORDS];
+    CN_TRY(cn_colmap_rename(j->ctx, argv, words));
     j->last[0] = '\0';
     j->error_seen = false;
     const cn_process process = {
-        .argv = argv, .log_path = j->log, .note_path = j->note, .on_line = on_line, .on_wait = on_wait, .user = j
+        .argv = words, .log_path = j->log, .note_path = j->note, .on_line = on_line, .on_wait = on_wait, .user = j
     };
     cn_status status = cn_process_watch(j->ctx, &process, exit_code);
     if (status == CN_ERR_TOOL)

@@ -19,6 +19,7 @@ typedef struct cn_colmap_job {
     char *log, *database, *images; /* images: folder that COLMAP reads */
     char *note;                    /* file that names the running COLMAP */
     char threads[16];
+    size_t most_bytes; /* of descriptors in memory while pairs are matched here; 0: half a gigabyte */
     bool linked;
     uint64_t chain; /* hash of all inputs up to this stage */
     const char *stage;
@@ -38,7 +39,8 @@ void cn_job_tell(cn_colmap_job *j, double done);
 /* Appends words to a command line with room for CN_JOB_WORDS, and ends it with NULL. */
 enum { CN_JOB_WORDS = 64 };
 void cn_job_words(const char **argv, int *n, const char *const *words);
-/* Runs COLMAP. CN_ERR_TOOL: it cannot be started. */
+/* Runs COLMAP. argv: less than CN_JOB_WORDS words, with the names that options have in COLMAP 3.8. CN_ERR_TOOL: it
+ * cannot be started. */
 CN_NODISCARD cn_status cn_job_run(cn_colmap_job *j, const char *const *argv, int *exit_code);
 /* The failure of a run that ended with this exit code. */
 CN_NODISCARD cn_status cn_job_failed(const cn_colmap_job *j, int exit_code);

@@ -3,6 +3,7 @@
 #include "math/linalg.h"
 #include "pose/adjust.h"
 #include "pose/align.h"
+#include "pose/from_photos.h"
 #include "pose/scene.h"
 #include "pose/similarity.h"
 
@@ -227,6 +228,8 @@ static cn_status adjust(fitting *f)
     cn_status status = centres && points && marks ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for control points");
     if (status == CN_OK) status = cn_control_gps(scene, f->index, f->frame, centres);
     if (status == CN_OK) {
+        /* Surveyed heights on the ground tell the focal length. */
+        const bool nadir = f->frame->nadir_ambiguous && !f->fit->n_control;
         set_targets(f, points);
         cn_scene_adjustment how = { .centres = centres,
                                     .points = points,
@@ -234,7 +237,7 @@ static cn_status adjust(fitting *f)
                                     .n_points = f->fit->n_points,
                                     .n_marks = pick_marks(f, marks),
                                     .mark_sigma_px = MARK_SIGMA_PX,
-                                    .keep_focal = f->options->refine_focal == CN_OFF,
+                                    .keep_focal = cn_pose_keeps_focal(f->index, f->options->refine_focal, nadir),
                                     .options = cn_adjust_options_default() };
         how.options.stage = "poses";
         status = cn_scene_adjust(f->ctx, scene, &how, &result);

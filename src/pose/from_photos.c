@@ -21,10 +21,25 @@ bool cn_pose_has_focal(const cn_photo_index *index)
     return false;
 }
 
+bool cn_pose_keeps_focal(const cn_photo_index *index, cn_tristate refine_focal, bool nadir)
+{
+    return refine_focal == CN_OFF || (refine_focal == CN_AUTO && nadir && cn_pose_has_focal(index));
+}
+
 static cn_status read_aligned(const cn_colmap_task *task, const char *model, cn_scene *scene, cn_frame *frame)
 {
     CN_TRY(cn_pose_read_result(task->ctx, task->index, model, scene));
     return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
+}
+
+/* Each view is core where its photo is; *out is NULL without a core. The caller frees it. */
+static cn_status core_of_views(const bool *core, const cn_panorama_cut *cut, bool **out)
+{
+    *out = core ? malloc(cut->index.n_photos + (size_t)1) : NULL;
+    if (core && !*out) return cn_fail(CN_ERR_NOMEM, "out of memory for views of 360 degree photos");
+    for (uint32_t i = 0; core && i < cut->index.n_photos; i++)
+        (*out)[i] = core[cut->photo[i]];
+    return CN_OK;
 }
 
 /* Photos of all directions, and others among them: COLMAP poses their views. */
@@ -33,12 +48,15 @@ static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_
     cn_panorama_cut cut;
     cn_colmap_result result = { 0 };
     cn_scene pieces = { 0 };
+    bool *core = NULL;
     cn_status status = cn_panorama_cut_make(task->ctx, task->index, task->dir, &cut);
+    if (status == CN_OK) status = core_of_views(task->core, &cut, &core);
     if (status == CN_OK) {
         cn_pose_options options = *task->options;
         cn_colmap_task pass = *task;
         pass.index = &cut.index;
         pass.options = &options;
+        pass.core = core;
         pass.rig_views = true;
         pass.fix_focal = options.refine_focal == CN_OFF || cut.n_panoramas == task->index->n_photos;
         /* Neighbours of a photo become neighbours of each of its views, beside those of the same place. */
@@ -49,7 +67,8 @@ static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_
                cut.n_panoramas, task->index->n_photos, CN_PANORAMA_VIEWS);
         status = cn_colmap_poses(&pass, &result);
         if (status == CN_OK) status = cn_pose_read_result(task->ctx, &cut.index, result.model, &pieces);
-        if (status == CN_OK) status = cn_panorama_join(task->ctx, &cut, task->index, &pieces, scene);
+        const bool keep_focal = options.refine_focal == CN_OFF;
+        if (status == CN_OK) status = cn_panorama_join(task->ctx, &cut, task->index, &pieces, keep_focal, scene);
     }
     *n_models = result.n_models;
     /* The database has views, not photos. */
@@ -60,6 +79,7 @@ static cn_status pose_panoramas(const cn_colmap_task *task, cn_scene *scene, cn_
     cn_scene_deinit(&pieces);
     cn_colmap_result_deinit(&result);
     cn_panorama_cut_deinit(&cut);
+    free(core);
     CN_TRY(status);
     return cn_align(task->ctx, scene, task->index, task->options->max_error_m, CN_LEVEL_ALWAYS, frame);
 }

@@ -9,4 +9,7 @@ CN_NODISCARD cn_status cn_pose_from_photos(const cn_colmap_task *task, cn_scene 
                                            uint32_t *n_models);
 /* True where EXIF states the focal length of a photo. */
 bool cn_pose_has_focal(const cn_photo_index *index);
+/* Whether an adjustment leaves focal lengths as they are: refine_focal is off, or it is auto, EXIF states a focal
+ * length, and the photos look straight down on flat ground. */
+bool cn_pose_keeps_focal(const cn_photo_index *index, cn_tristate refine_focal, bool nadir);
 #endif

@@ -121,7 +121,7 @@ static cn_status check_head(const json_t *root, const char *path, const char *ke
     if (version > VERSION)
         return cn_fail(CN_ERR_VERSION, "%s was made by a newer Conurb; update Conurb, or remove the file", path);
     CN_TRY(cn_json_string(root, path, "key", &theirs));
-    if (strcmp(theirs, key) == 0) return CN_OK;
+    if (!key || strcmp(theirs, key) == 0) return CN_OK;
     return cn_fail(CN_ERR_DATA, "%s is of other photos or settings; run conurb poses again", path);
 }
 

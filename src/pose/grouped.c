@@ -24,9 +24,9 @@ char *cn_group_path(const char *dir, uint32_t group, const char *name)
     return name ? cn_format("%s/groups/%03u/%s", dir, group + 1, name) : cn_format("%s/groups/%03u", dir, group + 1);
 }
 
-static char *list_path(const cn_pose_work *work)
+char *cn_group_list(const char *dir)
 {
-    return cn_path_join(work->dir, "groups/groups.json");
+    return cn_path_join(dir, "groups/groups.json");
 }
 
 /* ---- Splitting ---- */
@@ -79,7 +79,7 @@ static cn_status split(const cn_context *ctx, const cn_pose_work *work, const ch
 cn_status cn_pose_split(const cn_context *ctx, const cn_pose_work *work, uint32_t *n_groups)
 {
     cn_photo_groups groups;
-    char *dir = cn_path_join(work->dir, "groups"), *path = list_path(work);
+    char *dir = cn_path_join(work->dir, "groups"), *path = cn_group_list(work->dir);
     char *photos = cn_path_join(work->dir, "groups/photos.json");
     cn_status status = dir && path && photos ? cn_folder_make(dir) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK && cn_file_exists(photos) &&
@@ -154,13 +154,12 @@ cn_pose_group_state cn_pose_group_look(const cn_pose_work *work, uint32_t group)
     return state;
 }
 
-/* core[i]: photo i of the group's index is in the group's core. The caller frees it; NULL when out of memory. */
-static bool *mark_core(const cn_pose_work *work, const cn_photo_group *group, const cn_photo_index *sub)
+bool *cn_group_core(const cn_photo_index *index, const cn_photo_group *group, const cn_photo_index *sub)
 {
     bool *core = calloc(sub->n_photos + (size_t)1, sizeof *core);
     for (uint32_t i = 0; core && i < group->n_core; i++) {
         const cn_photo *photo =
-            bsearch(&work->index->photos[group->photos[i]], sub->photos, sub->n_photos, sizeof *sub->photos, by_name);
+            bsearch(&index->photos[group->photos[i]], sub->photos, sub->n_photos, sizeof *sub->photos, by_name);
         if (photo) core[photo - sub->photos] = true;
     }
     return core;
@@ -171,7 +170,7 @@ static cn_status map_group(const cn_context *ctx, const cn_pose_work *work, cons
                            const cn_photo_group *photos)
 {
     char *dir = cn_group_path(work->dir, group, NULL), *model = cn_group_path(work->dir, group, "model");
-    bool *core = mark_core(work, photos, sub);
+    bool *core = cn_group_core(work->index, photos, sub);
     cn_colmap_choice choice = { 0 };
     const cn_colmap_task task = { .ctx = ctx,
                                   .index = sub,
@@ -219,7 +218,7 @@ cn_status cn_pose_map_group(const cn_context *ctx, const cn_pose_work *work, uin
 {
     cn_photo_groups groups;
     cn_photo_index sub = { 0 };
-    char *path = list_path(work), *error = cn_group_path(work->dir, group, "error.json");
+    char *path = cn_group_list(work->dir), *error = cn_group_path(work->dir, group, "error.json");
     cn_status status = path && error ? cn_photo_groups_load(&groups, work->key, work->index->n_photos, path)
                                      : cn_fail(CN_ERR_NOMEM, "out of memory");
     free(path);
@@ -323,7 +322,7 @@ static cn_status load_and_merge(const cn_context *ctx, const cn_pose_work *work,
 cn_status cn_grouped_merge(const cn_context *ctx, const cn_pose_work *work, cn_scene *scene, cn_frame *frame,
                            cn_grouped *g)
 {
-    char *path = list_path(work);
+    char *path = cn_group_list(work->dir);
     *g = (cn_grouped){ 0 };
     cn_status status = path ? cn_photo_groups_load(&g->groups, work->key, work->index->n_photos, path)
                             : cn_fail(CN_ERR_NOMEM, "out of memory");

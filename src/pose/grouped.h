@@ -26,6 +26,10 @@ CN_NODISCARD cn_status cn_grouped_merge(const cn_context *ctx, const cn_pose_wor
 /* A group's photos as an index of their own, in the order of the whole. Strings are borrowed from the whole index; free
  * only sub->photos. */
 CN_NODISCARD cn_status cn_group_index(const cn_photo_index *index, const cn_photo_group *group, cn_photo_index *sub);
+/* core[i]: photo i of the group's index `sub` is in the group's core. The caller frees it; NULL when out of memory. */
+bool *cn_group_core(const cn_photo_index *index, const cn_photo_group *group, const cn_photo_index *sub);
+/* DIR/groups/groups.json; as the next. */
+char *cn_group_list(const char *dir);
 /* DIR/groups/003/NAME for group 2; name NULL: the folder. The caller frees it; NULL when out of memory. */
 char *cn_group_path(const char *dir, uint32_t group, const char *name);
 #endif

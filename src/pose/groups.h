@@ -35,8 +35,8 @@ void cn_photo_groups_deinit(cn_photo_groups *groups);
  * it, or all at one place. */
 CN_NODISCARD cn_status cn_photo_places(const cn_photo_index *index, double (**places)[2]);
 
-/* groups.json. key: what the groups were made from; by: how, in words. Load: CN_ERR_DATA when there is no file, or one
- * of another key; CN_ERR_FORMAT when it is damaged. */
+/* groups.json. key: what the groups were made from; by: how, in words. Load: key NULL is any; CN_ERR_DATA when there is
+ * no file, or one of another key; CN_ERR_FORMAT when it is damaged. */
 CN_NODISCARD cn_status cn_photo_groups_save(const cn_photo_groups *groups, const char *key, const char *by,
                                             const char *path);
 CN_NODISCARD cn_status cn_photo_groups_load(cn_photo_groups *groups, const char *key, uint32_t n_photos,

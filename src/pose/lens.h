@@ -19,6 +19,8 @@ bool cn_lens_is_known(int id);           /* whether COLMAP's model id is one of 
 int cn_lens_params(cn_lens lens);        /* number of parameters */
 int cn_lens_from_name(const char *name); /* COLMAP's model id, or -1 */
 cn_lens_view cn_lens_unpack(const cn_camera *camera);
+/* Where r (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) turns back: the smallest such r below `most`, or `most`. */
+double cn_lens_fold(const double k[4], double most);
 /* cn_camera_project with an unpacked lens, for many places. */
 bool cn_lens_project(const cn_lens_view *lens, const double xyz[3], double xy_px[2]);
 /* Packs into `camera`. Keeps its lens model when it can represent the values; otherwise uses OPENCV, or OPENCV_FISHEYE

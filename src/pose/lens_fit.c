@@ -14,7 +14,7 @@ static double polynomial(const double k[4], double r)
     return r * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))));
 }
 
-/* The r in [0, most] with polynomial(r) = wanted; most when there is none. */
+/* The r in [0, most] with polynomial(r) = wanted; most when there is none. The polynomial rises up to there. */
 static double invert(const double k[4], double wanted, double most)
 {
     double low = 0.0, high = most;
@@ -45,14 +45,14 @@ static bool solve3(double a[TERMS][TERMS], const double b[TERMS], double x[TERMS
     return isfinite(x[0]) && isfinite(x[1]) && isfinite(x[2]);
 }
 
-/* straight[i] to bent[i], radii over the focal length, by bent = scale * r * (1 + k1 r^2 + k2 r^4). Returns the largest
- * error, or INFINITY. */
-static double fit(const double *straight, const double *bent, double *scale, double k[4])
+/* straight[i] to bent[i], n radii over the focal length, by bent = scale * r * (1 + k1 r^2 + k2 r^4). Returns the
+ * largest error, or INFINITY. */
+static double fit(const double *straight, const double *bent, int n, double *scale, double k[4])
 {
     double a[TERMS][TERMS] = { { 0 } }, b[TERMS] = { 0 }, x[TERMS], worst = 0.0;
     /* Radii are divided by the largest one to keep the system well conditioned. */
-    const double unit = straight[SAMPLES - 1];
-    for (int i = 0; i < SAMPLES; i++) {
+    const double unit = straight[n - 1];
+    for (int i = 0; i < n; i++) {
         const double r = straight[i] / unit, s = r * r, row[TERMS] = { r, r * s, r * s * s };
         for (int p = 0; p < TERMS; p++) {
             b[p] += row[p] * bent[i];
@@ -65,7 +65,7 @@ static double fit(const double *straight, const double *bent, double *scale, dou
     k[0] = x[1] / x[0] / (unit * unit);
     k[1] = x[2] / x[0] / (unit * unit * unit * unit);
     k[2] = k[3] = 0.0;
-    for (int i = 0; i < SAMPLES; i++)
+    for (int i = 0; i < n; i++)
         worst = fmax(worst, fabs(*scale * polynomial(k, straight[i]) - bent[i]));
     return worst;
 }
@@ -77,17 +77,21 @@ static double farthest(const cn_import_lens *lens, const cn_camera *camera)
     return hypot(x / lens->fx, y / lens->fy);
 }
 
-/* Replaces the radial terms by k1 and k2. Returns the largest error in pixels. */
+/* Replaces the radial terms by k1 and k2. Returns the largest error in pixels. Where the lens folds back there are no
+ * rays, and nothing is asked of the fit; a lens that folds back in the middle of the picture is none. */
 static double approximate(const cn_import_lens *lens, const cn_camera *camera, cn_lens_view *view)
 {
     enum { WIDEST = 4 }; /* straight radii at most so many times the bent ones */
     double straight[SAMPLES], bent[SAMPLES], scale = 1.0;
-    const double most = farthest(lens, camera);
-    for (int i = 0; i < SAMPLES; i++) {
-        bent[i] = most * (i + 1) / SAMPLES;
-        straight[i] = lens->undistorts ? polynomial(lens->k, bent[i]) : invert(lens->k, bent[i], WIDEST * most);
+    const double most = farthest(lens, camera), fold = cn_lens_fold(lens->k, WIDEST * most);
+    int n = 0;
+    for (; n < SAMPLES; n++) {
+        bent[n] = most * (n + 1) / SAMPLES;
+        if (!lens->undistorts && bent[n] > polynomial(lens->k, fold)) break;
+        straight[n] = lens->undistorts ? polynomial(lens->k, bent[n]) : invert(lens->k, bent[n], fold);
     }
-    const double error_px = fit(straight, bent, &scale, view->k) * fmax(lens->fx, lens->fy);
+    if (n < SAMPLES / 2) return INFINITY;
+    const double error_px = fit(straight, bent, n, &scale, view->k) * fmax(lens->fx, lens->fy);
     view->fx *= scale;
     view->fy *= scale;
     for (int i = 0; i < 2; i++)

@@ -6,7 +6,8 @@
 #include "base/units.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
-#include "pose/ladder.h"
+#include "pose/colmap_options.h"
+#include "pose/grouped.h"
 #include "pose/pair_matcher.h"
 #include "pose/scene.h"
 
@@ -34,6 +35,7 @@ typedef struct search {
     cn_colmap_result colmap;      /* of the collection */
     char threads[16], last[512];
     bool linked;
+    const bool *core; /* of the group whose photos `index` and `posed` have; NULL: they are the collection's */
     double started_s;
 } search;
 
@@ -49,8 +51,10 @@ static cn_status run(search *s, int k, const char *what, const char *const *argv
     int exit_code;
     const cn_progress_report report = { "locate", what, k, 3, cn_now_s() - s->started_s, -1, NULL };
     cn_progress(s->ctx, &report);
+    const char *words[CN_JOB_WORDS];
+    CN_TRY(cn_colmap_rename(s->ctx, argv, words));
     s->last[0] = '\0';
-    const cn_status status = cn_process_run(s->ctx, argv, s->log, on_line, s, &exit_code);
+    const cn_status status = cn_process_run(s->ctx, words, s->log, on_line, s, &exit_code);
     if (status == CN_ERR_TOOL)
         return cn_fail(
             CN_ERR_TOOL,
@@ -105,6 +109,7 @@ static cn_status extract(search *s)
     return run(s, 0, "features", argv);
 }
 
+#define FARTHEST_DEG 360.0 /* as good as that are photos whose place is not known */
 typedef struct candidate {
     double far;
     uint32_t photo;
@@ -115,19 +120,33 @@ static int by_distance(const void *a, const void *b)
     return x->far != y->far ? (x->far < y->far ? -1 : 1) : (x->photo > y->photo) - (x->photo < y->photo);
 }
 
-/* The posed photos to match with, best first: the nearest by GPS; without GPS, evenly spaced in the order of names. */
+/* Whether the query photo and more than half of the posed photos have GPS. */
+static bool has_places(const search *s)
+{
+    uint64_t n = 0;
+    for (uint32_t i = 0; i < s->posed->n_views; i++)
+        n += s->index->photos[s->posed->views[i].photo].has_gps;
+    return s->query->photos[0].has_gps && 2 * n > s->posed->n_views;
+}
+
+/* The posed photos to match with, best first: the nearest by GPS, then those without it; where too few have GPS, all
+ * evenly spaced in the order of names. */
 static uint32_t choose(const search *s, candidate *out)
 {
     const cn_photo *query = &s->query->photos[0];
     const uint32_t n = s->posed->n_views;
+    const bool by_gps = has_places(s);
     for (uint32_t i = 0; i < n; i++) {
         const cn_photo *p = &s->index->photos[s->posed->views[i].photo];
-        out[i] = (candidate){ (double)((uint64_t)i * MOST_MATCHED % n), s->posed->views[i].photo };
-        if (!query->has_gps) continue;
+        const double spread = (double)((uint64_t)i * MOST_MATCHED % n);
         /* The shorter way round: 179.9 degrees east and 179.9 degrees west are near. */
         const double turn_deg = remainder(p->longitude_deg - query->longitude_deg, 360);
         const double east = turn_deg * cos(cn_radians(query->latitude_deg));
-        out[i].far = p->has_gps ? hypot(east, p->latitude_deg - query->latitude_deg) : INFINITY;
+        const double far_deg = hypot(east, p->latitude_deg - query->latitude_deg);
+        out[i] = (candidate){ !by_gps      ? spread
+                              : p->has_gps ? far_deg
+                                           : FARTHEST_DEG + spread,
+                              s->posed->views[i].photo };
     }
     qsort(out, n, sizeof *out, by_distance);
     return n < MOST_MATCHED ? n : MOST_MATCHED;
@@ -338,7 +357,120 @@ static cn_status locate(search *s, cn_scene *out)
     return status;
 }
 
-/* COLMAP's results for the collection: those of the poses stage or, for imported poses, made now and kept. */
+/* ---- A group of the collection ---- */
+
+/* Where photos were posed in groups, COLMAP has a database and a model of each group, not of all. */
+typedef struct group {
+    cn_photo_groups all;
+    cn_photo_index index;
+    cn_scene posed; /* views of the collection's scene; their names are borrowed */
+    bool *core;
+    char *dir;
+} group;
+
+static void group_deinit(group *g)
+{
+    cn_photo_groups_deinit(&g->all);
+    free(g->index.photos);
+    free(g->posed.views);
+    free(g->core);
+    free(g->dir);
+}
+
+static bool has_model(const char *dir, uint32_t number)
+{
+    char *path = cn_group_path(dir, number, "model/images.bin");
+    const bool found = path && cn_file_exists(path);
+    free(path);
+    return found;
+}
+
+/* The group with a model that has the most of the nearest photos; UINT32_MAX: none has one of them. near: room for a
+ * mark of each photo. */
+static uint32_t nearest_group(const search *s, const char *dir, const cn_photo_groups *all, candidate *list, bool *near)
+{
+    const uint32_t n_near = choose(s, list);
+    uint32_t best = UINT32_MAX, most = 0;
+    for (uint32_t i = 0; i < n_near; i++)
+        near[list[i].photo] = true;
+    for (uint32_t g = 0; g < all->n; g++) {
+        uint32_t n = 0;
+        for (uint32_t i = 0; i < all->groups[g].n; i++)
+            n += near[all->groups[g].photos[i]];
+        if (n <= most || !has_model(dir, g)) continue;
+        best = g;
+        most = n;
+    }
+    return best;
+}
+
+static int by_name(const void *a, const void *b)
+{
+    return strcmp(((const cn_photo *)a)->name, ((const cn_photo *)b)->name);
+}
+
+/* The collection's views of the group's photos. */
+static cn_status pick_views(const search *s, group *g)
+{
+    g->posed = *s->posed;
+    g->posed.n_views = 0;
+    g->posed.views = malloc((s->posed->n_views + (size_t)1) * sizeof *g->posed.views);
+    if (!g->posed.views) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < s->posed->n_views; i++) {
+        const cn_photo *photo = bsearch(&s->index->photos[s->posed->views[i].photo], g->index.photos, g->index.n_photos,
+                                        sizeof *photo, by_name);
+        if (!photo) continue;
+        cn_view *view = &g->posed.views[g->posed.n_views++];
+        *view = s->posed->views[i];
+        view->photo = (uint32_t)(photo - g->index.photos);
+    }
+    return CN_OK;
+}
+
+static cn_status find_group(const search *s, const char *dir, group *g, uint32_t *number)
+{
+    if (!has_places(s))
+        return cn_fail(
+            CN_ERR_DATA,
+            "%s: the collection was posed in groups, and GPS, of the photo and of most of the collection, has "
+            "to tell which one the photo belongs to; give a photo with GPS, or add it to the collection",
+            s->photo);
+    char *path = cn_group_list(dir);
+    candidate *list = calloc(s->posed->n_views + (size_t)1, sizeof *list);
+    bool *near = calloc(s->index->n_photos + (size_t)1, sizeof *near);
+    cn_status status = path && list && near ? cn_photo_groups_load(&g->all, NULL, s->index->n_photos, path)
+                                            : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK) {
+        *number = nearest_group(s, dir, &g->all, list, near);
+        if (*number == UINT32_MAX)
+            status =
+                cn_fail(CN_ERR_DATA, "%s: no group of photos near it has a model; run conurb poses again", s->photo);
+    }
+    free(path);
+    free(list);
+    free(near);
+    return status;
+}
+
+/* Goes on with the photos of the nearest group alone, which *g has. */
+static cn_status enter_group(search *s, const char *dir, group *g)
+{
+    uint32_t number;
+    CN_TRY(find_group(s, dir, g, &number));
+    CN_TRY(cn_group_index(s->index, &g->all.groups[number], &g->index));
+    g->core = cn_group_core(s->index, &g->all.groups[number], &g->index);
+    g->dir = cn_group_path(dir, number, NULL);
+    if (!g->core || !g->dir) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    CN_TRY(pick_views(s, g));
+    s->index = &g->index;
+    s->posed = &g->posed;
+    s->core = g->core;
+    s->linked = cn_colmap_needs_links(s->index);
+    return CN_OK;
+}
+
+/* COLMAP's results for the collection or the group: those of the poses stage or, for imported poses, made now and kept.
+ */
 static cn_status prepare(search *s, const char *dir)
 {
     if (s->options->import)
@@ -351,7 +483,9 @@ static cn_status prepare(search *s, const char *dir)
                                   .index = s->index,
                                   .dir = dir,
                                   .options = s->options,
-                                  .fix_focal = s->options->refine_focal == CN_OFF };
+                                  .fix_focal = s->options->refine_focal == CN_OFF,
+                                  .core = s->core,
+                                  .colmaps_global = s->core != NULL };
     return cn_colmap_poses(&task, &s->colmap);
 }
 
@@ -432,12 +566,15 @@ cn_status cn_pose_locate(const cn_context *ctx, const cn_pose_collection *collec
     s.found = cn_path_join(work, "found");
     cn_status status = colmap && s.log && s.database && s.found ? show(&s) : cn_fail(CN_ERR_NOMEM, "out of memory");
     if (status == CN_OK) status = refuse_spheres(&s);
-    if (status == CN_OK) status = prepare(&s, colmap);
+    group nearest = { 0 };
+    if (status == CN_OK && cn_pose_is_grouped(s.index, s.options)) status = enter_group(&s, dir, &nearest);
+    if (status == CN_OK) status = prepare(&s, nearest.dir ? nearest.dir : colmap);
     if (status == CN_OK) status = locate(&s, out);
     if (status != CN_OK) {
         cn_scene_deinit(out);
         cn_photo_index_deinit(query);
     }
+    group_deinit(&nearest);
     free(colmap);
     free(s.log);
     free(s.database);

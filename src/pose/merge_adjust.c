@@ -4,6 +4,7 @@
 #include "pose/adjust.h"
 #include "pose/align_up.h"
 #include "pose/control_fit.h"
+#include "pose/from_photos.h"
 #include "pose/merge.h"
 #include "pose/merge_block.h"
 #include "pose/scene.h"
@@ -26,6 +27,7 @@ typedef struct adjusting {
     const uint32_t *home;
     cn_scene *scene;
     cn_place_prior *priors;
+    bool keep_focal;
 } adjusting;
 
 static cn_adjust_options options_of(bool first)
@@ -40,9 +42,7 @@ static cn_adjust_options options_of(bool first)
 static cn_status adjust(const adjusting *a, cn_scene *scene, bool first)
 {
     cn_adjust_result result;
-    cn_scene_adjustment how = { .centres = a->priors,
-                                .keep_focal = a->task->options->refine_focal == CN_OFF,
-                                .options = options_of(first) };
+    cn_scene_adjustment how = { .centres = a->priors, .keep_focal = a->keep_focal, .options = options_of(first) };
     return cn_scene_adjust(a->ctx, scene, &how, &result);
 }
 
@@ -269,7 +269,7 @@ static cn_status settle_odd(const adjusting *a)
         status = adjust_without(a, odd);
         const bool solved = status == CN_OK;
         /* What cannot be adjusted stays, too: the scene was fine before. */
-        if (status == CN_ERR_DATA || status == CN_ERR_FORMAT) status = CN_OK;
+        if (status == CN_ERR_DATA) status = CN_OK;
         const uint64_t after = solved ? count_fits(scene, odd) : 0;
         const bool better = (double)after >= MORE * (double)before;
         if (status == CN_OK)
@@ -381,6 +381,8 @@ cn_status cn_groups_adjust(const cn_context *ctx, const cn_merge_task *task, con
                            cn_frame *frame, cn_merge_report *report)
 {
     adjusting a = { .ctx = ctx, .task = task, .home = home, .scene = scene };
+    a.keep_focal =
+        cn_pose_keeps_focal(task->index, task->options->refine_focal, frame->georeferenced && cn_align_is_nadir(scene));
     const double began_s = cn_now_s(), most_m = task->options->max_error_m;
     cn_status status = CN_OK;
     if (frame->georeferenced) {

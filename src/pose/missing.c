@@ -4,6 +4,7 @@
 #include "bridge/sqlite.h"
 #include "math/linalg.h"
 #include "pose/colmap.h"
+#include "pose/panorama.h"
 #include "pose/quality.h"
 
 #include <math.h>
@@ -22,7 +23,7 @@ typedef struct evidence {
     uint32_t *number, *features;       /* COLMAP's number; 0: it did not read the photo */
     uint32_t *best_posed, *best_other; /* verified matches with the best posed photo, and with the best other one */
     uint32_t *partner;                 /* the photo of best_posed */
-    bool *posed, *read;                /* read: by COLMAP, in any database */
+    bool *posed, *read, *known;        /* read: by COLMAP, in any database; known: some database tells that */
     uint32_t n;
 } evidence;
 
@@ -36,7 +37,8 @@ static bool evidence_init(evidence *e, uint32_t n)
     e->partner = calloc(n + (size_t)1, sizeof *e->partner);
     e->posed = calloc(n + (size_t)1, sizeof *e->posed);
     e->read = calloc(n + (size_t)1, sizeof *e->read);
-    return e->number && e->features && e->best_posed && e->best_other && e->partner && e->posed && e->read;
+    e->known = calloc(n + (size_t)1, sizeof *e->known);
+    return e->number && e->features && e->best_posed && e->best_other && e->partner && e->posed && e->read && e->known;
 }
 
 static void evidence_deinit(evidence *e)
@@ -48,6 +50,7 @@ static void evidence_deinit(evidence *e)
     free(e->partner);
     free(e->posed);
     free(e->read);
+    free(e->known);
 }
 
 static void take_pair(evidence *e, uint32_t a, uint32_t b, uint32_t n)
@@ -108,6 +111,8 @@ static cn_status read_database(const cn_photo_index *index, const uint32_t *phot
     }
     if (status == CN_OK) status = cn_colmap_database_verified(database, &pairs, &n_pairs);
     if (status == CN_OK) take_pairs(e, pairs, n_pairs);
+    for (uint32_t i = 0; i < index->n_photos && status == CN_OK; i++)
+        e->known[photos ? photos[i] : i] = true;
     free(pairs);
     cn_colmap_database_close(&database);
     return status;
@@ -126,7 +131,8 @@ static cn_status read_groups(const cn_quality *q, const char *dir, evidence *e)
         char *path = cn_group_path(dir, g, "database.db");
         cn_photo_index sub = { 0 };
         if (n_missing && path && cn_file_exists(path)) status = cn_group_index(q->index, group, &sub);
-        if (sub.photos) {
+        /* That of a group with photos of all directions has their views. */
+        if (sub.photos && !cn_panoramas_exist(&sub)) {
             memcpy(read, group->photos, group->n * sizeof *read);
             qsort(read, group->n, sizeof *read, by_photo);
             memset(e->number, 0, e->n * sizeof *e->number);
@@ -202,11 +208,13 @@ static void explain(const cn_quality *q, const evidence *e, double median, cn_mi
     const bool blurred = m->sharpness < BLURRED;
     m->n_features = e->features[i];
     m->n_verified = posed > other ? posed : other;
-    if (!e->read[i])
+    if (e->known[i] && !e->read[i])
         snprintf(m->why, sizeof m->why, "COLMAP did not read it");
     else if (blurred && posed < ENOUGH_MATCHES)
         snprintf(m->why, sizeof m->why, "blurred: its edges are %.0f %% as sharp as those of the others",
                  100.0 * m->sharpness);
+    else if (!e->known[i])
+        return; /* the general reason stays */
     else if (e->features[i] < FEW_FEATURES * median)
         snprintf(m->why, sizeof m->why, "few features (%u, others %.0f): dark, plain or blurred", e->features[i],
                  median);

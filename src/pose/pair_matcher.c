@@ -13,7 +13,7 @@
 enum { LEAST_MATCHES = 15 }; /* COLMAP's SiftMatching.min_num_inliers: it does not verify pairs with fewer */
 enum { FIRST_BATCH = 4, MOST_IN_BATCH = 4096 }; /* pairs: a thread, at first; in all */
 #define BATCH_S 1.0
-#define MOST_BYTES ((size_t)512 << 20) /* of descriptors in memory */
+#define MOST_BYTES ((size_t)512 << 20) /* of descriptors in memory, unless the job says otherwise */
 
 _Static_assert((int)CN_COLMAP_DESCRIPTOR == (int)CN_DESCRIPTOR, "the kernel's descriptors are COLMAP's");
 
@@ -41,8 +41,8 @@ typedef struct matcher {
     result *results;
     const uint64_t *batch; /* pairs being matched */
     uint64_t n_batches;
-    size_t bytes;  /* of descriptors in memory */
-    int no_memory; /* set by threads */
+    size_t bytes, most_bytes; /* of descriptors in memory; from when they are dropped */
+    int no_memory;            /* set by threads */
 } matcher;
 
 static void matcher_deinit(matcher *m)
@@ -77,7 +77,10 @@ static cn_status open_database(matcher *m, const char *path)
 
 static cn_status matcher_init(matcher *m, cn_colmap_job *j)
 {
-    *m = (matcher){ .j = j, .pool = j->ctx ? j->ctx->pool : NULL, .kernel = cn_kernel_best() };
+    *m = (matcher){ .j = j,
+                    .pool = j->ctx ? j->ctx->pool : NULL,
+                    .kernel = cn_kernel_best(),
+                    .most_bytes = j->most_bytes ? j->most_bytes : MOST_BYTES };
     CN_TRY(open_database(m, j->database));
     m->photos = calloc(j->index->n_photos + (size_t)1, sizeof *m->photos);
     m->spaces = calloc(cn_pool_threads(m->pool), sizeof *m->spaces);
@@ -114,15 +117,16 @@ static void drop_unneeded(matcher *m)
     }
 }
 
-/* Loads what the next pairs need: `wanted` pairs, or fewer when their descriptors take too much memory. */
+/* Loads what the next pairs need: `wanted` pairs, or fewer, but at least one, when their descriptors take too much
+ * memory. */
 static cn_status load_batch(matcher *m, size_t wanted, size_t *n)
 {
     m->n_batches++;
-    for (*n = 0; *n < wanted && m->bytes <= MOST_BYTES;) {
+    for (*n = 0; *n < wanted && (*n == 0 || m->bytes <= m->most_bytes);) {
         CN_TRY(load(m, photo_of(m, m->batch[*n], false)));
         CN_TRY(load(m, photo_of(m, m->batch[*n], true)));
         ++*n;
-        if (m->bytes > MOST_BYTES) drop_unneeded(m);
+        if (m->bytes > m->most_bytes) drop_unneeded(m);
     }
     return CN_OK;
 }

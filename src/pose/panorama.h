@@ -28,7 +28,7 @@ void cn_panorama_view_rotation(unsigned k, double rotation[9]);
 
 /* One pose for each photo of which a view has one: that on which most of its views agree, then adjusted together with
  * the points, so that a photo's views have one centre. pieces: COLMAP's scene of the cut; it stays. index: the
- * collection. The caller frees out; it is empty on failure. */
+ * collection. keep_focal: the other photos' focal lengths stay. The caller frees out; it is empty on failure. */
 CN_NODISCARD cn_status cn_panorama_join(const cn_context *ctx, const cn_panorama_cut *cut, const cn_photo_index *index,
-                                        const cn_scene *pieces, cn_scene *out);
+                                        const cn_scene *pieces, bool keep_focal, cn_scene *out);
 #endif

@@ -28,6 +28,7 @@ typedef struct joining {
     const cn_panorama_cut *cut;
     const cn_photo_index *index;
     const cn_scene *pieces;
+    bool keep_focal;
     candidate *candidates; /* sorted by photo */
     uint32_t n_candidates;
     uint32_t *target; /* of each view of the pieces: view of the scene; UINT32_MAX: left out */
@@ -233,10 +234,10 @@ static void join_points(joining *j)
 }
 
 /* Place, turn and scale of the whole are open: the first view stays where it is. */
-static cn_status adjust(const cn_context *ctx, cn_scene *scene)
+static cn_status adjust(const cn_context *ctx, cn_scene *scene, bool keep_focal)
 {
     bool *fixed = calloc(scene->n_views + (size_t)1, sizeof *fixed);
-    cn_scene_adjustment how = { .fixed = fixed, .options = cn_adjust_options_default() };
+    cn_scene_adjustment how = { .fixed = fixed, .keep_focal = keep_focal, .options = cn_adjust_options_default() };
     cn_adjust_result result;
     if (!fixed) return cn_fail(CN_ERR_NOMEM, "out of memory adjusting %u photos", scene->n_views);
     fixed[0] = true;
@@ -263,7 +264,7 @@ static cn_status join(const cn_context *ctx, joining *j)
     CN_TRY(join_poses(j));
     join_points(j);
     CN_TRY(cn_scene_sort_views(out));
-    CN_TRY(adjust(ctx, out));
+    CN_TRY(adjust(ctx, out, j->keep_focal));
     const double error_px = cn_scene_measure_errors(out);
     uint32_t n_agree = 0;
     for (uint32_t i = 0; i < j->n_candidates; i++)
@@ -274,9 +275,9 @@ static cn_status join(const cn_context *ctx, joining *j)
 }
 
 cn_status cn_panorama_join(const cn_context *ctx, const cn_panorama_cut *cut, const cn_photo_index *index,
-                           const cn_scene *pieces, cn_scene *out)
+                           const cn_scene *pieces, bool keep_focal, cn_scene *out)
 {
-    joining j = { .cut = cut, .index = index, .pieces = pieces, .out = out };
+    joining j = { .cut = cut, .index = index, .pieces = pieces, .keep_focal = keep_focal, .out = out };
     *out = (cn_scene){ 0 };
     const cn_status status = join(ctx, &j);
     free(j.candidates);

@@ -44,12 +44,11 @@ static double radial_limit(const double k[4])
     return sqrt(least);
 }
 
-/* The angle to the axis beyond which a fisheye folds back; 180 degrees if it never does. */
-static double fisheye_limit(const double k[4])
+double cn_lens_fold(const double k[4], double most)
 {
     enum { STEPS = 64 };
     for (int i = 1; i <= STEPS; i++) {
-        double high = CN_PI * i / STEPS, low = CN_PI * (i - 1) / STEPS;
+        double high = most * i / STEPS, low = most * (i - 1) / STEPS;
         if (distort_derivative(k, high) > 0.0) continue;
         for (int j = 0; j < 50; j++) {
             double middle = 0.5 * (low + high);
@@ -60,7 +59,13 @@ static double fisheye_limit(const double k[4])
         }
         return low;
     }
-    return CN_PI;
+    return most;
+}
+
+/* The angle to the axis beyond which a fisheye folds back; 180 degrees if it never does. */
+static double fisheye_limit(const double k[4])
+{
+    return cn_lens_fold(k, CN_PI);
 }
 
 static void distort_opencv(const cn_lens_view *lens, double u, double v, double out[2])

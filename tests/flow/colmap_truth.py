@@ -115,7 +115,9 @@ def mapper():
                 file.write(struct.pack("<II", *s))
 
 
-if sys.argv[1] == "feature_extractor":
+if sys.argv[2:] == ["-h"]:
+    pass
+elif sys.argv[1] == "feature_extractor":
     features()
 elif sys.argv[1] == "mapper":
     mapper()

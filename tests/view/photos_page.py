@@ -59,7 +59,7 @@ def stand_in(folder):
     program = f"{work}/colmap"
     model_with_query(folder, f"{work}/with")
     with open(program, "w", encoding="utf-8") as file:
-        file.write("#!/bin/sh\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
+        file.write("#!/bin/sh\n[ \"$2\" = -h ] && exit 0\nfor a; do [ \"$last\" = --output_path ] && out=$a; "
                    "[ \"$last\" = --database_path ] && : >> $a; last=$a; done\n"
                    f"case $1 in\nmapper) cp -r {folder}/poses/model $out/0;;\n"
                    f"image_registrator) cp {work}/with/* $out;;\nesac\n")

@@ -31,6 +31,7 @@ void fake_colmap_write(const char *program, const char *format, ...)
     va_list arguments;
     FILE *file = fopen(program, "w");
     assert_non_null(file);
+    fputs("#!/bin/sh\n[ \"$2\" = -h ] && { [ -e \"$0.help\" ] && cat \"$0.help\"; exit 0; }\n", file);
     va_start(arguments, format);
     vfprintf(file, format, arguments);
     va_end(arguments);

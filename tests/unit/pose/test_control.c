@@ -11,6 +11,7 @@
 #include "math/linalg.h"
 #include "pose/align.h"
 #include "pose/control_fit.h"
+#include "pose/merge.h"
 #include "pose/scene.h"
 
 #include <math.h>
@@ -26,6 +27,8 @@ static char path[] = "/tmp/conurb-control-XXXXXX", logged[LOGGED], names[N_VIEWS
 static cn_photo photos[N_VIEWS];
 static cn_photo_index photo_index;
 
+static bool straight_down;
+
 static const cn_context CONTEXT = { .log = log_append, .user = logged };
 
 static int set_up(void **state)
@@ -37,6 +40,7 @@ static int set_up(void **state)
         photos[i] = (cn_photo){ .name = names[i], .width = WIDTH, .height = HEIGHT, .orientation = 1 };
     }
     photo_index = (cn_photo_index){ .folder = folder, .photos = photos, .n_photos = N_VIEWS };
+    straight_down = false;
     logged[0] = '\0';
     strcpy(path + sizeof path - 7, "XXXXXX");
     const int fd = mkstemp(path);
@@ -207,13 +211,19 @@ static void geodetic(const double local[3], double place[3])
     assert_int_equal(cn_frame_to_geodetic(&frame, local, place), CN_OK);
 }
 
-/* A ring of 40 m that looks inwards and down. */
+/* A ring of 40 m that looks inwards and down; or a block that looks straight down. */
 static void plant_view(uint32_t i, double gps_noise_m)
 {
     const double turn = 2.0 * CN_PI * i / N_VIEWS;
-    const double centre[3] = { 40 * cos(turn), 40 * sin(turn), 15 + 3 * (double)(i % 4) };
-    double z[3] = { -centre[0], -centre[1], -centre[2] }, up[3] = { 0, 0, 1 }, x[3], y[3], place[3], off[3], geoid_m;
+    const double ring[3] = { 40 * cos(turn), 40 * sin(turn), 15 + 3 * (double)(i % 4) };
+    const double block[3] = { 5.0 * (i % 6) - 12, 5.0 * (double)(i / 6) - 8, 40 + 0.3 * (i % 4) };
+    const double *centre = straight_down ? block : ring;
+    double z[3] = { -ring[0], -ring[1], -ring[2] }, up[3] = { 0, 0, 1 }, x[3], y[3], place[3], off[3], geoid_m;
     bool found;
+    if (straight_down) {
+        memcpy(z, (const double[3]){ 0, 0, -1 }, sizeof z);
+        memcpy(up, (const double[3]){ 0, 1, 0 }, sizeof up);
+    }
     cn_normalize3(z);
     cn_cross3(z, up, x);
     cn_normalize3(x);
@@ -227,7 +237,7 @@ static void plant_view(uint32_t i, double gps_noise_m)
         views[i].translation[k] = -views[i].translation[k];
         off[k] = centre[k] + gps_noise_m * noise(i, k);
     }
-    memcpy(truth[i], centre, sizeof centre);
+    memcpy(truth[i], centre, sizeof truth[i]);
     geodetic(off, place);
     assert_int_equal(cn_geo_geoid_height(place[0], place[1], &geoid_m, &found), CN_OK);
     photos[i].has_gps = photos[i].has_altitude = true;
@@ -251,7 +261,7 @@ static void plant_points(void)
     for (uint32_t p = 0; p < N_POINTS; p++) {
         points[p] = (cn_point){ .first_observation = (uint32_t)scene.n_observations };
         for (uint32_t k = 0; k < 3; k++)
-            points[p].xyz[k] = (k == 2 ? 4 : 12) * chance(100 + p, k);
+            points[p].xyz[k] = (k == 2 ? straight_down ? 0.3 : 4 : 12) * chance(100 + p, k);
         for (uint32_t i = 0; i < N_VIEWS; i++) {
             double xy[2];
             assert_true(project(i, points[p].xyz, xy));
@@ -404,12 +414,53 @@ static void test_stated_accuracy(void **state)
     cn_control_fit_deinit(&fit);
 }
 
+typedef enum way { BY_GPS, BY_CONTROL, BY_GROUPS } way;
+
+/* Focal length after an adjustment of photos that look straight down, of 606 px at first. */
+static double focal_of(way how, cn_tristate refine_focal, double exif_mm)
+{
+    cn_frame frame;
+    cn_control_fit fit = { 0 };
+    cn_merge_report report = { 0 };
+    cn_pose_options options = cn_pose_options_default();
+    const cn_control_task task = { how == BY_CONTROL ? &control : NULL, &photo_index, &options };
+    const cn_merge_task merge = { .index = &photo_index, .options = &options, .most_bytes = (size_t)1 << 30 };
+    options.refine_focal = refine_focal;
+    straight_down = true;
+    plant(0.02);
+    for (uint32_t i = 0; i < N_VIEWS; i++) {
+        photos[i].focal_mm = exif_mm;
+        photos[i].focal_35mm = NAN;
+        for (int k = 0; k < 3; k++)
+            photos[i].gps_sigma_m[k] = 0.02;
+    }
+    assert_int_equal(cn_align(&CONTEXT, &scene, &photo_index, options.max_error_m, CN_LEVEL_ALWAYS, &frame), CN_OK);
+    assert_true(frame.georeferenced && frame.nadir_ambiguous);
+    assert_int_equal(how == BY_GROUPS ? cn_groups_adjust(&CONTEXT, &merge, NULL, &scene, &frame, &report)
+                                      : cn_control_apply(&CONTEXT, &task, &scene, &frame, &fit),
+                     CN_OK);
+    cn_control_fit_deinit(&fit);
+    return camera.params[0];
+}
+
+/* Straight down, GPS says nothing of the focal length, so that it stays that of EXIF; control points do. */
+static void test_straight_down(void **state)
+{
+    (void)state;
+    for (way how = BY_GPS; how <= BY_GROUPS; how++) {
+        assert_int_equal(focal_of(how, CN_AUTO, 3.6) == 606.0, how != BY_CONTROL);
+        assert_true(focal_of(how, CN_AUTO, NAN) != 606.0);
+        assert_true(focal_of(how, CN_ON, 3.6) != 606.0);
+        assert_true(focal_of(how, CN_OFF, NAN) == 606.0);
+    }
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_files),          TEST(test_orientation), TEST(test_faults),
-                                        TEST(test_control_points), TEST(test_without_gps), TEST(test_blunder),
-                                        TEST(test_stated_accuracy) };
+    const struct CMUnitTest tests[] = { TEST(test_files),           TEST(test_orientation),  TEST(test_faults),
+                                        TEST(test_control_points),  TEST(test_without_gps),  TEST(test_blunder),
+                                        TEST(test_stated_accuracy), TEST(test_straight_down) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -9,7 +9,9 @@
 #include "base/file.h"
 #include "conurb/pose.h"
 #include "fake_colmap.h"
+#include "pose/from_photos.h"
 #include "pose/ladder.h"
+#include "pose/panorama.h"
 #include "pose/scene.h"
 
 #include <math.h>
@@ -263,6 +265,57 @@ static void test_core(void **state)
     cn_colmap_result_deinit(&result);
 }
 
+/* The name under which COLMAP sees a view of photo i, whose hash is i. */
+static char *name_of_view(uint32_t i, uint32_t k)
+{
+    char *name = cn_format("%08u-%u-%08x.jpg", i, k, i);
+    assert_non_null(name);
+    return name;
+}
+
+/* A group of photos of all directions: the core has photos, COLMAP has views. The last photo is the core, and the first
+ * attempt has all views but its own. */
+static void test_core_of_views(void **state)
+{
+    (void)state;
+    bool core[N * CN_PANORAMA_VIEWS] = { [N - 1] = true }; /* what lies behind the photos is none of theirs */
+    cn_view views[N * CN_PANORAMA_VIEWS] = { 0 };
+    cn_camera camera = { 1, CN_LENS_SIMPLE_PINHOLE, 204, 204, { 102, 102, 102 } };
+    const cn_colmap_task task = {
+        .ctx = &CONTEXT, .index = &photo_index, .dir = work, .options = &options, .core = core
+    };
+    cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views };
+    cn_frame frame;
+    uint32_t n_models;
+    char path[192];
+    for (uint32_t i = 0; i < N; i++) {
+        photos[i].equirectangular = true;
+        for (uint32_t k = 0; k < CN_PANORAMA_VIEWS; k++) {
+            cn_view *view = &views[CN_PANORAMA_VIEWS * i + k];
+            view->name = name_of_view(i, k);
+            cn_panorama_view_rotation(k, view->rotation);
+            snprintf(path, sizeof path, "%s/rig-views", work);
+            assert_int_equal(cn_folder_make(path), CN_OK);
+            snprintf(path, sizeof path, "%s/rig-views/%s", work, view->name);
+            assert_int_equal(cn_file_write(path, "", 0), CN_OK); /* it is there, so it is not cut */
+        }
+    }
+    scene.n_views = (N - 1) * CN_PANORAMA_VIEWS;
+    snprintf(path, sizeof path, "%s/others", folder);
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+    scene.n_views = N * CN_PANORAMA_VIEWS;
+    snprintf(path, sizeof path, "%s/every-view", folder);
+    assert_int_equal(cn_scene_write_colmap(&scene, path), CN_OK);
+    options.attempts = 2;
+    write_program("*sparse-fixed-focal) give others;;\n*) give every-view;;");
+    assert_int_equal(cn_pose_from_photos(&task, &scene, &frame, &n_models), CN_OK);
+    assert_int_equal(calls("mapper "), 2);
+    assert_int_equal(scene.n_views, N);
+    cn_scene_deinit(&scene);
+    for (uint32_t v = 0; v < N * CN_PANORAMA_VIEWS; v++)
+        free(views[v].name);
+}
+
 /* A photo that matches no other gets no pose from the same matches. New features may match. */
 static void test_connected(void **state)
 {
@@ -460,10 +513,10 @@ static void test_bad_gps(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_first),       TEST(test_second),      TEST(test_last),        TEST(test_smaller_error),
-        TEST(test_more_points), TEST(test_unsupported), TEST(test_doubtful),    TEST(test_core),
-        TEST(test_failure),     TEST(test_one_attempt), TEST(test_skewed_lens), TEST(test_straight_down),
-        TEST(test_bad_gps),     TEST(test_connected),
+        TEST(test_first),       TEST(test_second),      TEST(test_last),          TEST(test_smaller_error),
+        TEST(test_more_points), TEST(test_unsupported), TEST(test_doubtful),      TEST(test_core),
+        TEST(test_failure),     TEST(test_one_attempt), TEST(test_skewed_lens),   TEST(test_straight_down),
+        TEST(test_bad_gps),     TEST(test_connected),   TEST(test_core_of_views),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -12,6 +12,7 @@
 #include "kernel/kernel.h"
 #include "conurb/pose.h"
 #include "math/linalg.h"
+#include "pose/groups.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -36,9 +37,10 @@ static void view_of(int i, cn_view *view)
         view->translation[a] = -view->translation[a];
 }
 
-static void write_model(const char *name, bool with_query)
+static void write_model(const char *name, bool with_query, const char *as)
 {
-    static char query_name[] = "conurb-query.png";
+    char query_name[32];
+    snprintf(query_name, sizeof query_name, "%s", as);
     cn_view views[N + 1] = { 0 };
     char path[160];
     for (int i = 0; i <= N; i++) {
@@ -82,8 +84,8 @@ static int set_up(void **state)
     for (size_t i = 0; i < sizeof rgb / sizeof *rgb; i++)
         rgb[i] = (float)(i % 7) / 7;
     if (mkdir(work, 0777) != 0 || cn_oiio_write_png(query_path, rgb, 64, 48, 3, NULL) != CN_OK) return -1;
-    write_model("without", false);
-    write_model("with", true);
+    write_model("without", false, "");
+    write_model("with", true, "conurb-query.png");
     write_registrator("with");
     return 0;
 }
@@ -160,38 +162,134 @@ static void test_found(void **state)
     cn_scene_deinit(&scene);
 }
 
-/* The photos to match with are the nearest ones, also across 180 degrees. */
-static void test_nearest_across_the_antimeridian(void **state)
+/* A query photo at 10 N, 179.999 W. */
+static void write_query_with_gps(void)
 {
-    (void)state;
-    static const double longitudes[N] = { -179.9, 179.99, 0, 179.999 };
-    static const double latitude[3] = { 10, 0, 0 }, longitude[3] = { 179, 59, 56.4 }; /* 179.999 W */
+    static const double latitude[3] = { 10, 0, 0 }, longitude[3] = { 179, 59, 56.4 };
     static float rgb[64 * 48 * 3];
     const cn_oiio_attribute gps[] = { { "GPS:Latitude", NULL, latitude, 3 },
                                       { "GPS:LatitudeRef", "N", NULL, 0 },
                                       { "GPS:Longitude", NULL, longitude, 3 },
                                       { "GPS:LongitudeRef", "W", NULL, 0 },
                                       { NULL, NULL, NULL, 0 } };
+    snprintf(query_path, sizeof query_path, "%s/west.jpg", folder);
+    assert_int_equal(cn_oiio_write_jpeg(query_path, rgb, 64, 48, gps), CN_OK);
+}
+
+static void put_gps(cn_photo *photo, double longitude_deg)
+{
+    photo->has_gps = true;
+    photo->latitude_deg = 10;
+    photo->longitude_deg = longitude_deg;
+}
+
+/* Looks for the query photo, and checks the first letters of the photos that it is matched with, in their order. */
+static void check_matched(const cn_pose_options *how, const cn_scene *scene, const char *letters)
+{
+    cn_photo_index query;
+    cn_scene out;
+    char path[160], *text;
+    size_t size;
+    const cn_status status = locate(how, scene, &query, &out); /* COLMAP finds another photo */
+    if (status != CN_ERR_DATA) fail_msg("%s", cn_error_message());
+    snprintf(path, sizeof path, "%s/pairs.txt", work);
+    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
+    const char *line = text;
+    for (; *letters; letters++, line = strchr(line, '\n') + 1)
+        if (strncmp(line, "conurb-query.jpg ", 17) != 0 || line[17] != *letters) fail_msg("%c: %s", *letters, line);
+    assert_string_equal(line, "");
+    free(text);
+}
+
+/* The photos to match with are the nearest ones, also across 180 degrees. */
+static void test_nearest_across_the_antimeridian(void **state)
+{
+    (void)state;
+    static const double longitudes[N] = { -179.9, 179.99, 0, 179.999 };
+    cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
+    cn_scene scene;
+    make_poses(&options, &scene);
+    write_query_with_gps();
+    for (int i = 0; i < N; i++)
+        put_gps(&photos[i], longitudes[i]);
+    check_matched(&options, &scene, "dbac");
+    cn_scene_deinit(&scene);
+}
+
+/* Where the query photo has GPS, but few of the others have, all are taken in even steps, not the first ones by name.
+ * Where most have it, the others come last. */
+static void test_few_with_gps(void **state)
+{
+    (void)state;
+    enum { SEVEN = 7 };
+    cn_photo seven[SEVEN];
+    cn_view views[SEVEN] = { 0 };
+    const cn_scene posed = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = SEVEN };
+    cn_pose_options options = cn_pose_options_default();
+    options.match_with = CN_MATCH_WITH_COLMAP;
+    options.colmap = program;
+    options.attempts = 1;
+    assert_int_equal(mkdir(dir, 0777), 0);
+    fake_colmap_photos(seven, SEVEN, 64, 48);
+    photo_index = (cn_photo_index){ .folder = folder, .photos = seven, .n_photos = SEVEN };
+    for (uint32_t i = 0; i < SEVEN; i++)
+        views[i] = (cn_view){ .name = seven[i].name, .photo = i };
+    write_query_with_gps();
+    put_gps(&seven[5], 0);
+    check_matched(&options, &posed, "acegbdf");
+    for (int i = 0; i < 4; i++)
+        put_gps(&seven[i], 170 + i);
+    snprintf(work, sizeof work, "%s/work2", folder);
+    assert_int_equal(mkdir(work, 0777), 0);
+    check_matched(&options, &posed, "dcbafeg");
+}
+
+/* Two groups, of which the second one has a model. */
+static void make_groups(void)
+{
+    uint32_t first[] = { 0, 1, 2 }, second[] = { 3, 1, 2 };
+    cn_photo_group list[] = { { first, 3, 3 }, { second, 3, 1 } };
+    const cn_photo_groups groups = { list, 2 };
+    char path[160];
+    snprintf(path, sizeof path, "%s/groups/002/model", dir);
+    assert_int_equal(cn_folder_make(path), CN_OK);
+    snprintf(path, sizeof path, "%s/groups/002/model/images.bin", dir);
+    assert_int_equal(cn_file_write(path, "", 0), CN_OK);
+    snprintf(path, sizeof path, "%s/groups/groups.json", dir);
+    assert_int_equal(cn_photo_groups_save(&groups, "key", "GPS", path), CN_OK);
+}
+
+/* In a collection that was posed in groups, the photo is found in the nearest one. The collection is not posed again.
+ */
+static void test_found_in_a_group(void **state)
+{
+    (void)state;
     cn_pose_options options = cn_pose_options_default();
     options.match_with = CN_MATCH_WITH_COLMAP;
     cn_photo_index query;
     cn_scene scene, out;
-    char path[160], *text;
-    size_t size;
+    char whole[160];
     make_poses(&options, &scene);
-    snprintf(query_path, sizeof query_path, "%s/west.jpg", folder);
-    assert_int_equal(cn_oiio_write_jpeg(query_path, rgb, 64, 48, gps), CN_OK);
-    for (int i = 0; i < N; i++) {
-        photos[i].has_gps = true;
-        photos[i].latitude_deg = 10;
-        photos[i].longitude_deg = longitudes[i];
-    }
-    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA); /* COLMAP finds another photo */
-    snprintf(path, sizeof path, "%s/pairs.txt", work);
-    assert_int_equal(cn_file_read(path, 0, &text, &size), CN_OK);
-    assert_string_equal(text, "conurb-query.jpg d.jpg\nconurb-query.jpg b.jpg\nconurb-query.jpg a.jpg\n"
-                              "conurb-query.jpg c.jpg\n");
-    free(text);
+    snprintf(whole, sizeof whole, "--database_path %s/database.db", dir);
+    const size_t n_whole = file_count(folder, "calls", whole);
+    make_groups();
+    options.group_photos = 1;
+    assert_int_equal(locate(&options, &scene, &query, &out), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "a dusk.png: the collection was posed in groups"));
+    write_query_with_gps();
+    for (int i = 0; i < N; i++)
+        put_gps(&photos[i], -179);
+    write_model("with", true, "conurb-query.jpg");
+    snprintf(work, sizeof work, "%s/work2", folder);
+    assert_int_equal(mkdir(work, 0777), 0);
+    if (locate(&options, &scene, &query, &out) != CN_OK) fail_msg("%s", cn_error_message());
+    check_place(&scene, &out.views[0]);
+    assert_int_equal(file_count(folder, "calls", whole), n_whole);
+    assert_true(was_called("groups/002/database.db"));
+    assert_false(was_called("groups/001"));
+    cn_scene_deinit(&out);
+    cn_photo_index_deinit(&query);
     cn_scene_deinit(&scene);
 }
 
@@ -302,8 +400,12 @@ static void test_not_found(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_found), TEST(test_nearest_across_the_antimeridian),
-                                        TEST(test_found_among_imported), TEST(test_matched_here),
+    const struct CMUnitTest tests[] = { TEST(test_found),
+                                        TEST(test_nearest_across_the_antimeridian),
+                                        TEST(test_few_with_gps),
+                                        TEST(test_found_in_a_group),
+                                        TEST(test_found_among_imported),
+                                        TEST(test_matched_here),
                                         TEST(test_not_found) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

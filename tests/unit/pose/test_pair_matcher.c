@@ -27,6 +27,7 @@ static cn_photo photos[PHOTOS];
 static const cn_photo_index photo_index = { .photos = photos, .n_photos = PHOTOS };
 static int stop, reports, stop_after, kill_after;
 static double last_done;
+static size_t most_bytes;
 static cn_pool *pool;
 
 /* The photos see the same points, each in an order of its own and with noise, but for photo ALONE, which sees others.
@@ -64,6 +65,7 @@ static int set_up(void **state)
     fill_database();
     stop = reports = stop_after = kill_after = 0;
     last_done = 0;
+    most_bytes = 0;
     return 0;
 }
 
@@ -99,7 +101,7 @@ static void on_progress(void *user, const cn_progress_report *report)
 static cn_status run(void)
 {
     const cn_context ctx = { .pool = pool, .progress = on_progress, .stop = &stop };
-    cn_colmap_job job = { .ctx = &ctx, .index = &photo_index, .database = path };
+    cn_colmap_job job = { .ctx = &ctx, .index = &photo_index, .database = path, .most_bytes = most_bytes };
     cn_photo_pairs pairs = { 0 };
     assert_int_equal(cn_photo_pairs_all(PHOTOS, &pairs), CN_OK);
     cn_job_begin(&job, "matches", (double)pairs.n);
@@ -190,6 +192,20 @@ static void test_threads(void **state)
     (void)state;
     char *whole = whole_dump();
     assert_int_equal(cn_pool_create(&pool, 3), CN_OK);
+    assert_int_equal(run(), CN_OK);
+    char *dump = colmap_database_dump(path);
+    assert_string_equal(dump, whole);
+    free(dump);
+    free(whole);
+}
+
+/* A pair alone needs more memory than there should be in use: it is matched all the same, one pair after the other. */
+static void test_little_memory(void **state)
+{
+    (void)state;
+    char *whole = whole_dump();
+    stop_after = 10 * PAIRS; /* ends a run that does not get on */
+    most_bytes = 1;
     assert_int_equal(run(), CN_OK);
     char *dump = colmap_database_dump(path);
     assert_string_equal(dump, whole);
@@ -329,8 +345,9 @@ static void test_stage(void **state)
 #define WITH_BASE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
 int main(void)
 {
-    const struct CMUnitTest tests[] = { WITH_BASE(test_every_pair), WITH_BASE(test_unverified), WITH_BASE(test_threads),
-                                        WITH_BASE(test_stopped),    WITH_BASE(test_killed),     WITH_BASE(test_damaged),
-                                        WITH_BASE(test_stage) };
+    const struct CMUnitTest tests[] = { WITH_BASE(test_every_pair), WITH_BASE(test_unverified),
+                                        WITH_BASE(test_threads),    WITH_BASE(test_little_memory),
+                                        WITH_BASE(test_stopped),    WITH_BASE(test_killed),
+                                        WITH_BASE(test_damaged),    WITH_BASE(test_stage) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -246,7 +246,7 @@ static void test_join(void **state)
     double far, turned_deg;
     list_cut(&cut);
     make_pieces(&pieces);
-    assert_int_equal(cn_panorama_join(&CONTEXT, &cut, &photo_index, &pieces, &joined), CN_OK);
+    assert_int_equal(cn_panorama_join(&CONTEXT, &cut, &photo_index, &pieces, false, &joined), CN_OK);
     assert_int_equal(joined.n_views, N);
     assert_int_equal(joined.n_cameras, 1);
     assert_int_equal(joined.cameras[0].lens, CN_LENS_EQUIRECTANGULAR);
@@ -265,10 +265,39 @@ static void test_join(void **state)
     free(cut.view);
 }
 
+/* All photos but the first as those of an ordinary camera: its focal length is adjusted, unless it is to stay. */
+static void test_keep_focal(void **state)
+{
+    (void)state;
+    const double focal_px = 0.5 * cn_panorama_view_camera(WIDTH).width;
+    for (int keep = 0; keep < 2; keep++) {
+        cn_panorama_cut cut;
+        cn_scene pieces, joined;
+        list_cut(&cut);
+        make_pieces(&pieces);
+        for (uint32_t i = 0; i < pieces.n_views; i++) {
+            uint32_t *photo = &pieces.views[i].photo;
+            if (cut.photo[*photo] == 0) continue;
+            if (cut.view[*photo] == 0)
+                cut.view[*photo] = CN_PANORAMA_WHOLE;
+            else
+                *photo = UINT32_MAX;
+        }
+        assert_int_equal(cn_panorama_join(&CONTEXT, &cut, &photo_index, &pieces, keep, &joined), CN_OK);
+        const cn_camera *camera = &joined.cameras[joined.views[joined.n_views - 1].camera];
+        assert_int_equal(camera->lens, CN_LENS_SIMPLE_PINHOLE);
+        assert_int_equal(camera->params[0] == focal_px, keep);
+        cn_scene_deinit(&joined);
+        cn_scene_deinit(&pieces);
+        free(cut.photo);
+        free(cut.view);
+    }
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_cut), TEST(test_join) };
+    const struct CMUnitTest tests[] = { TEST(test_cut), TEST(test_join), TEST(test_keep_focal) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

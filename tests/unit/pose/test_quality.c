@@ -201,6 +201,44 @@ static void test_report(void **state)
     cn_quality_deinit(&q);
 }
 
+/* Two groups, of which the database of one has views of 360 degree photos: it says nothing of the photos themselves. */
+static void test_groups(void **state)
+{
+    (void)state;
+    const cn_pose_options options = cn_pose_options_default();
+    const cn_scene scene = { &camera, 1, views, POSED, NULL, 0, NULL, 0 };
+    const cn_control_fit fit = { 0 };
+    uint32_t first[] = { 0, 1, UNREAD }, second[] = { 2, ALONE };
+    cn_photo_group groups[] = { { first, 3, 3 }, { second, 2, 2 } };
+    cn_group_row rows[2] = { { .n = 3 }, { .n = 2 } };
+    cn_group_report fates[2] = { 0 };
+    const cn_grouped grouped = { { groups, 2 }, { .groups = fates, .n_groups = 2 }, rows };
+    cn_colmap_choice choice = { 0 };
+    cn_quality q = { .index = &photo_index,
+                     .scene = &scene,
+                     .frame = &frame,
+                     .fit = &fit,
+                     .source = "COLMAP",
+                     .grouped = &grouped,
+                     .n_models = 1 };
+    const cn_quality_task task = { NULL, &options, &choice, folder };
+    photos[2].equirectangular = photos[ALONE].equirectangular = true;
+    for (uint32_t g = 0; g < 2; g++) {
+        char *dir = cn_group_path(folder, g, NULL), *path = cn_group_path(folder, g, "database.db");
+        assert_int_equal(cn_folder_make(dir), CN_OK);
+        colmap_database_make(path);
+        colmap_database_add(path, 1, g == 0 ? photos[0].name : "00000001-0-00000000.jpg", NULL, 0);
+        free(dir);
+        free(path);
+    }
+    assert_int_equal(cn_quality_measure(&task, &q), CN_OK);
+    for (uint32_t i = 0; i < q.n_missing; i++) {
+        if (q.missing[i].photo == UNREAD) assert_string_equal(q.missing[i].why, "COLMAP did not read it");
+        if (q.missing[i].photo == ALONE) assert_string_equal(q.missing[i].why, "COLMAP found no pose");
+    }
+    cn_quality_deinit(&q);
+}
+
 /* Without a database the reasons are general, and without GPS there are no residuals. */
 static void test_import(void **state)
 {
@@ -257,6 +295,6 @@ static void test_sphere(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_report), TEST(test_import), TEST(test_sphere) };
+    const struct CMUnitTest tests[] = { TEST(test_report), TEST(test_groups), TEST(test_import), TEST(test_sphere) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

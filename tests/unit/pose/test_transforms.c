@@ -141,6 +141,32 @@ static void test_more_radial_terms(void **state)
     cn_scene_deinit(&scene);
 }
 
+/* Barrel distortions with a k3 that folds them back outside the picture. */
+static void test_folding_terms(void **state)
+{
+    (void)state;
+    static const double lenses[2][4] = { { 490, -0.27, 0.11, -0.03 }, { 545, -0.1, 0.03, -0.05 } };
+    for (int i = 0; i < 2; i++) {
+        const double *lens = lenses[i];
+        cn_scene scene;
+        char text[512];
+        snprintf(
+            text, sizeof text,
+            "{\"camera_model\":\"OPENCV\",\"fl_x\":%g,\"k1\":%g,\"k2\":%g,\"k3\":%g,\"frames\":[" FRAME("a.jpg") "]}",
+            lens[0], lens[1], lens[2], lens[3]);
+        if (read_json(text, &scene) != CN_OK) fail_msg("%s", cn_error_message());
+        for (int k = 1; k <= 10; k++) { /* to the corner */
+            const double r = 0.09 * k, s = r * r, at[3] = { 0.8 * r, 0.6 * r, 1 };
+            const double bent = lens[0] * r * (1 + s * (lens[1] + s * (lens[2] + s * lens[3])));
+            double have[2];
+            if (bent > 400) break;
+            assert_true(cn_camera_project(&scene.cameras[0], at, have));
+            assert_true(hypot(have[0] - (320 + 0.8 * bent), have[1] - (240 + 0.6 * bent)) < 0.64);
+        }
+        cn_scene_deinit(&scene);
+    }
+}
+
 static void test_rounded_rotation(void **state)
 {
     (void)state;
@@ -229,6 +255,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_names_and_axes, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_intrinsics, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_more_radial_terms, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_folding_terms, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_rounded_rotation, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_refused_lenses, set_up, tear_down),
