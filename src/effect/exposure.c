@@ -10,8 +10,9 @@
  * how bright that day was is not known. Otherwise the appearance codes would have to explain ten stops, and geometry
  * gets worse (3 dB on a synthetic city under four lights).
  *
- * Evidence, in stops: the standard deviation of EV over the tile's photos. Where fewer than half of the photos have
- * it: that of the gains that the tracked points' colours show between photos (tracks.h). */
+ * Evidence, in stops: the standard deviation of EV over the tile's photos, where at least half of them have it, or that
+ * of the gains that the tracked points' colours show between photos (tracks.h), whichever is larger. Photos with one
+ * exposure by EXIF still have gains when they were edited, or when the day's brightness changed. */
 #include "effect/effect.h"
 #include "effect/runs.h"
 #include "effect/tracks.h"
@@ -123,7 +124,8 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
     }
 }
 
-static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
+/* The standard deviation of EV by EXIF; NaN where fewer than half of the photos, or only one, have it. */
+static double exif_spread(const cn_plan_input *input, const cn_plan_tile *tile)
 {
     double sum = 0, squares = 0;
     uint32_t n = 0;
@@ -136,15 +138,19 @@ static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
         squares += ev * ev;
         n++;
     }
-    if (n < 2 || 2 * n < tile->n_photos) {
-        cn_tracks tracks;
-        if (cn_tracks_gather(&tracks, input, tile, CN_TRACKS_FINE) != CN_OK) return NAN;
-        const double stops = cn_tracks_gain(&tracks);
-        cn_tracks_deinit(&tracks);
-        return stops;
-    }
+    if (n < 2 || 2 * n < tile->n_photos) return NAN;
     const double mean = sum / n;
     return sqrt(fmax(squares / n - mean * mean, 0));
+}
+
+static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
+{
+    const double by_exif = exif_spread(input, tile);
+    cn_tracks tracks;
+    if (cn_tracks_gather(&tracks, input, tile, CN_TRACKS_FINE) != CN_OK) return by_exif;
+    const double by_colours = cn_tracks_gain(&tracks);
+    cn_tracks_deinit(&tracks);
+    return fmax(by_exif, by_colours);
 }
 
 extern const cn_effect cn_effect_exposure;

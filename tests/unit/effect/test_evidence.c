@@ -74,6 +74,42 @@ static void test_stereo_depth(void **state)
     wall_deinit(&w);
 }
 
+static void set_exposure(wall *w, double even_s, double odd_s)
+{
+    for (unsigned i = 0; i < VIEWS; i++) {
+        cn_photo *photo = &w->index.photos[i];
+        photo->exposure_s = i % 2 ? odd_s : even_s;
+        photo->iso = 100;
+        photo->f_number = 8;
+    }
+}
+
+/* What EXIF says, or what the photos show, whichever is more. Without sparse points EXIF alone tells. */
+static void test_exposure(void **state)
+{
+    (void)state;
+    static wall w;
+    const cn_effect *effect = cn_effect_find("exposure");
+    assert_non_null(effect);
+    for (int gains = 0; gains < 2; gains++) {
+        gain_stops = gains * 0.6;
+        wall_init(&w, NOTHING, NO_SKY);
+        gain_stops = 0;
+        const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+        const double shown = effect->evidence(&input, &w.tile);
+        assert_float_equal(shown, gains * 0.3, 0.02);
+        set_exposure(&w, 0.01, 0.01);
+        assert_float_equal(effect->evidence(&input, &w.tile), shown, 1e-9);
+        set_exposure(&w, 0.01, 0.02);
+        assert_float_equal(effect->evidence(&input, &w.tile), 0.5, 1e-6);
+        w.scene.n_points = 0;
+        assert_float_equal(effect->evidence(&input, &w.tile), 0.5, 1e-6);
+        set_exposure(&w, NAN, NAN);
+        assert_true(isnan(effect->evidence(&input, &w.tile)));
+        wall_deinit(&w);
+    }
+}
+
 /* Found where there is some, and taken out of a pixel. Unknown without sparse points. */
 static void test_vignetting(void **state)
 {
@@ -217,12 +253,11 @@ static void test_local_light(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { cmocka_unit_test(test_transient),
-                                        cmocka_unit_test(test_strangers),
-                                        cmocka_unit_test(test_stereo_depth),
-                                        cmocka_unit_test(test_vignetting),
-                                        cmocka_unit_test(test_vignetting_of_two_cameras),
-                                        cmocka_unit_test(test_local_light),
-                                        cmocka_unit_test(test_colour_of_a_patch) };
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_transient),    cmocka_unit_test(test_strangers),
+        cmocka_unit_test(test_stereo_depth), cmocka_unit_test(test_exposure),
+        cmocka_unit_test(test_vignetting),   cmocka_unit_test(test_vignetting_of_two_cameras),
+        cmocka_unit_test(test_local_light),  cmocka_unit_test(test_colour_of_a_patch)
+    };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
