@@ -146,6 +146,29 @@ static void test_vignetting(void **state)
     wall_deinit(&w);
 }
 
+/* A tile's vignetting does not depend on how many tiles the city has: their points lie between its own. */
+static void test_vignetting_in_a_city(void **state)
+{
+    (void)state;
+    static wall w;
+    enum { TILES = 300 };
+    cn_vignetting alone, in_city;
+    wall_init_through(&w, NOTHING, NO_SKY, 0.8, false);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_int_equal(cn_vignetting_find(&input, &w.tile, 1, w.photos, &alone), CN_OK);
+    cn_scene city = w.scene;
+    city.n_points = TILES * w.scene.n_points;
+    city.points = calloc(city.n_points, sizeof *city.points);
+    assert_non_null(city.points);
+    for (uint32_t i = 0; i < w.scene.n_points; i++)
+        city.points[i * TILES + i % TILES] = w.points[i];
+    const cn_plan_input of_city = { .scene = &city, .photos = &w.index, .pixels = w.pixels };
+    assert_int_equal(cn_vignetting_find(&of_city, &w.tile, 1, w.photos, &in_city), CN_OK);
+    assert_memory_equal(&in_city, &alone, sizeof alone);
+    free(city.points);
+    wall_deinit(&w);
+}
+
 /* Two cameras in one tile, of which one has a lens without vignetting. A third that has no photo gets what both have.
  */
 static void test_vignetting_of_two_cameras(void **state)
@@ -253,11 +276,14 @@ static void test_local_light(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_transient),    cmocka_unit_test(test_strangers),
-        cmocka_unit_test(test_stereo_depth), cmocka_unit_test(test_exposure),
-        cmocka_unit_test(test_vignetting),   cmocka_unit_test(test_vignetting_of_two_cameras),
-        cmocka_unit_test(test_local_light),  cmocka_unit_test(test_colour_of_a_patch)
-    };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(test_transient),
+                                        cmocka_unit_test(test_strangers),
+                                        cmocka_unit_test(test_stereo_depth),
+                                        cmocka_unit_test(test_exposure),
+                                        cmocka_unit_test(test_vignetting),
+                                        cmocka_unit_test(test_vignetting_in_a_city),
+                                        cmocka_unit_test(test_vignetting_of_two_cameras),
+                                        cmocka_unit_test(test_local_light),
+                                        cmocka_unit_test(test_colour_of_a_patch) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
