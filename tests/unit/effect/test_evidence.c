@@ -29,6 +29,46 @@ static void test_transient(void **state)
     assert_true(fabs(statue) < 0.01 || isnan(statue));
 }
 
+/* Of a point that very many photos track not every observation is kept. Photos whose observation is not kept do not
+ * count as photos without the point: each photo taken four times gives the evidence of taking it once. */
+static void test_transient_of_long_tracks(void **state)
+{
+    (void)state;
+    enum { COPIES = 4, ALL = COPIES * VIEWS };
+    static wall w;
+    static cn_view views[ALL];
+    static cn_observation observations[COPIES * POINTS * VIEWS];
+    static cn_point points[POINTS];
+    uint32_t photos[ALL], n = 0;
+    wall_init(&w, PASSING, NO_SKY);
+    const cn_plan_input once = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    const double expected = cn_tracks_transient(&once, &w.tile);
+    for (uint32_t v = 0; v < ALL; v++) {
+        views[v] = w.views[v % VIEWS];
+        photos[v] = v;
+    }
+    for (uint32_t p = 0; p < w.scene.n_points; p++) {
+        points[p] = w.points[p];
+        points[p].first_observation = n;
+        points[p].n_observations *= COPIES;
+        for (uint32_t i = 0; i < points[p].n_observations; i++) {
+            const uint32_t one = w.points[p].n_observations;
+            observations[n] = w.observations[w.points[p].first_observation + i % one];
+            observations[n++].view += i / one * VIEWS;
+        }
+    }
+    cn_scene scene = w.scene;
+    scene.views = views;
+    scene.n_views = ALL;
+    scene.points = points;
+    scene.observations = observations;
+    scene.n_observations = n;
+    const cn_plan_input input = { .scene = &scene, .photos = &w.index, .pixels = w.pixels };
+    const cn_plan_tile tile = { .id = "four times", .photos = photos, .n_photos = ALL };
+    assert_float_equal(cn_tracks_transient(&input, &tile), expected, 0.05);
+    wall_deinit(&w);
+}
+
 /* Photos by many cameras have more evidence, if they are many. Those of a camera that is turned are by one. */
 static void test_strangers(void **state)
 {
@@ -277,6 +317,7 @@ static void test_local_light(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_transient),
+                                        cmocka_unit_test(test_transient_of_long_tracks),
                                         cmocka_unit_test(test_strangers),
                                         cmocka_unit_test(test_stereo_depth),
                                         cmocka_unit_test(test_exposure),
