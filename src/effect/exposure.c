@@ -1,6 +1,6 @@
 /* Exposure. A photo's linear light is the scene's times 2^EV. EV = log2(shutter * ISO / 100 / f^2) from EXIF,
  * relative to the tile's mean, and what is learned for each photo on top of it, with zero mean. Where EXIF does not
- * say, all of EV is learned.
+ * say, or lacks the ISO or the f-number that other photos have, all of EV is learned.
  *
  * EXIF gives the camera's settings. It does not say how the camera developed the picture: tracked points of brighton,
  * lund and sceaux have gains that are 0.16 to 0.28 stops (rms) off EXIF's. With what is learned on top, sceaux goes
@@ -31,9 +31,17 @@ enum { EV, UNKNOWN, CONSTANTS };
  * stop, as calculated for a mid grey. */
 #define PRIOR 2e-4f
 
-static void constants_of(const cn_photo *photo, float *row)
+/* A photo's EV by EXIF. NaN also where it lacks a setting that others tell, or tells one that they lack: a guess of the
+ * f-number would be off by some stops. */
+static double ev_of(const cn_photo *photo, cn_effect_settings told)
 {
-    row[EV] = (float)cn_photo_exposure_ev(photo);
+    const bool alike = (photo->iso > 0) == told.iso && (photo->f_number > 0) == told.f_number;
+    return alike ? cn_photo_exposure_ev(photo) : NAN;
+}
+
+static void constants_of(const cn_photo *photo, cn_effect_settings told, float *row)
+{
+    row[EV] = (float)ev_of(photo, told);
     row[UNKNOWN] = cn_run_time(photo); /* for `centre` */
 }
 
@@ -129,10 +137,15 @@ static double exif_spread(const cn_plan_input *input, const cn_plan_tile *tile)
 {
     double sum = 0, squares = 0;
     uint32_t n = 0;
+    cn_effect_settings told = { 0 };
+    for (uint32_t i = 0; i < tile->n_photos; i++) {
+        const uint32_t photo = input->scene->views[tile->photos[i]].photo;
+        if (photo < input->photos->n_photos) cn_effect_settings_add(&told, &input->photos->photos[photo]);
+    }
     for (uint32_t i = 0; i < tile->n_photos; i++) {
         const uint32_t photo = input->scene->views[tile->photos[i]].photo;
         if (photo >= input->photos->n_photos) continue;
-        const double ev = cn_photo_exposure_ev(&input->photos->photos[photo]);
+        const double ev = ev_of(&input->photos->photos[photo], told);
         if (!isfinite(ev)) continue;
         sum += ev;
         squares += ev * ev;

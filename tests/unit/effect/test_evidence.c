@@ -124,7 +124,8 @@ static void set_exposure(wall *w, double even_s, double odd_s)
     }
 }
 
-/* What EXIF says, or what the photos show, whichever is more. Without sparse points EXIF alone tells. */
+/* What EXIF says, or what the photos show, whichever is more. Without sparse points EXIF alone tells. A photo without
+ * the f-number that the others have is not six stops brighter. */
 static void test_exposure(void **state)
 {
     (void)state;
@@ -139,6 +140,8 @@ static void test_exposure(void **state)
         const double shown = effect->evidence(&input, &w.tile);
         assert_float_equal(shown, gains * 0.3, 0.02);
         set_exposure(&w, 0.01, 0.01);
+        assert_float_equal(effect->evidence(&input, &w.tile), shown, 1e-9);
+        w.index.photos[0].f_number = NAN;
         assert_float_equal(effect->evidence(&input, &w.tile), shown, 1e-9);
         set_exposure(&w, 0.01, 0.02);
         assert_float_equal(effect->evidence(&input, &w.tile), 0.5, 1e-6);
