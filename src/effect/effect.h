@@ -70,6 +70,11 @@ typedef struct cn_effect_looks {
     const uint8_t *look; /* [n] a cn_look */
 } cn_effect_looks;
 
+/* Which settings of the camera the EXIF of trained photos tells, beside the exposure time. */
+typedef struct cn_effect_settings {
+    bool iso, f_number;
+} cn_effect_settings;
+
 typedef struct cn_effect {
     const char *name;
     const char *form; /* of an earlier form of an effect: the name for cn_effect_find; else NULL */
@@ -99,8 +104,9 @@ typedef struct cn_effect {
     uint32_t photo_constants, photo_params, shared_params;
     uint32_t saved; /* saved activations: floats a ray that the forward pass leaves for the backward pass */
 
-    /* Fills a photo's constants from its EXIF; NaN where it does not say. NULL when there are none. */
-    void (*constants)(const cn_photo *photo, float *row);
+    /* Fills a photo's constants from its EXIF; NaN where it does not say. told: what the tile's trained photos tell.
+     * NULL when there are none. */
+    void (*constants)(const cn_photo *photo, cn_effect_settings told, float *row);
     /* Turns the rows of n photos, of which the first n_trained are trained on, into what the hooks use (centred, say).
      */
     void (*centre)(float *rows, uint32_t n, uint32_t n_trained);
@@ -200,6 +206,8 @@ void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, cons
                     float (*origin)[3], float (*dir)[3]);
 void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                              float (*d_origin)[3], float (*d_dir)[3], const cn_effect_grad *grad);
+/* Adds what a trained photo tells. */
+void cn_effect_settings_add(cn_effect_settings *told, const cn_photo *photo);
 /* Subtracts their mean from n rows of `width` floats. For `project`. */
 void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows);
 

@@ -281,10 +281,12 @@ static bool untracked_residual(const untracked *u, size_t first, size_t last, ui
     return least_residual(u, view, xy, p->log2_luminance + t->gain[photo], residual);
 }
 
-static bool tracks_it(const cn_tracks *t, size_t first, size_t last, uint32_t photo)
+/* Whether a view tracks a scene's point. Not every observation of it is among those of the tracks. */
+static bool tracks_it(const cn_scene *scene, uint32_t point, uint32_t view)
 {
-    for (size_t i = first; i < last; i++)
-        if (t->observations[i].photo == photo) return true;
+    const cn_point *p = &scene->points[point];
+    for (uint32_t i = 0; i < p->n_observations; i++)
+        if (scene->observations[(size_t)p->first_observation + i].view == view) return true;
     return false;
 }
 
@@ -303,9 +305,12 @@ static double outlier_share(const untracked *u, float limit)
         last = first;
         while (last < t->n && t->observations[last].point == t->observations[first].point)
             last++;
+        const uint32_t point = t->points[t->observations[first].point].scene_point;
         for (uint32_t p = 0; p < u->tile->n_photos; p++) {
             float residual;
-            if (tracks_it(t, first, last, p) || !untracked_residual(u, first, last, p, &residual)) continue;
+            if (tracks_it(u->input->scene, point, u->tile->photos[p]) ||
+                !untracked_residual(u, first, last, p, &residual))
+                continue;
             n++;
             outliers += fabsf(residual) > limit;
         }

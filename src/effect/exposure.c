@@ -1,6 +1,6 @@
 /* Exposure. A photo's linear light is the scene's times 2^EV. EV = log2(shutter * ISO / 100 / f^2) from EXIF,
  * relative to the tile's mean, and what is learned for each photo on top of it, with zero mean. Where EXIF does not
- * say, all of EV is learned.
+ * say, or lacks the ISO or the f-number that other photos have, all of EV is learned.
  *
  * EXIF gives the camera's settings. It does not say how the camera developed the picture: tracked points of brighton,
  * lund and sceaux have gains that are 0.16 to 0.28 stops (rms) off EXIF's. With what is learned on top, sceaux goes
@@ -10,8 +10,9 @@
  * how bright that day was is not known. Otherwise the appearance codes would have to explain ten stops, and geometry
  * gets worse (3 dB on a synthetic city under four lights).
  *
- * Evidence, in stops: the standard deviation of EV over the tile's photos. Where fewer than half of the photos have
- * it: that of the gains that the tracked points' colours show between photos (tracks.h). */
+ * Evidence, in stops: the standard deviation of EV over the tile's photos, where at least half of them have it, or that
+ * of the gains that the tracked points' colours show between photos (tracks.h), whichever is larger. Photos with one
+ * exposure by EXIF still have gains when they were edited, or when the day's brightness changed. */
 #include "effect/effect.h"
 #include "effect/runs.h"
 #include "effect/tracks.h"
@@ -30,9 +31,17 @@ enum { EV, UNKNOWN, CONSTANTS };
  * stop, as calculated for a mid grey. */
 #define PRIOR 2e-4f
 
-static void constants_of(const cn_photo *photo, float *row)
+/* A photo's EV by EXIF. NaN also where it lacks a setting that others tell, or tells one that they lack: a guess of the
+ * f-number would be off by some stops. */
+static double ev_of(const cn_photo *photo, cn_effect_settings told)
 {
-    row[EV] = (float)cn_photo_exposure_ev(photo);
+    const bool alike = (photo->iso > 0) == told.iso && (photo->f_number > 0) == told.f_number;
+    return alike ? cn_photo_exposure_ev(photo) : NAN;
+}
+
+static void constants_of(const cn_photo *photo, cn_effect_settings told, float *row)
+{
+    row[EV] = (float)ev_of(photo, told);
     row[UNKNOWN] = cn_run_time(photo); /* for `centre` */
 }
 
@@ -123,28 +132,38 @@ static void pixel_backward(const cn_effect_rays *rays, const cn_effect_data *dat
     }
 }
 
-static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
+/* The standard deviation of EV by EXIF; NaN where fewer than half of the photos, or only one, have it. */
+static double exif_spread(const cn_plan_input *input, const cn_plan_tile *tile)
 {
     double sum = 0, squares = 0;
     uint32_t n = 0;
+    cn_effect_settings told = { 0 };
+    for (uint32_t i = 0; i < tile->n_photos; i++) {
+        const uint32_t photo = input->scene->views[tile->photos[i]].photo;
+        if (photo < input->photos->n_photos) cn_effect_settings_add(&told, &input->photos->photos[photo]);
+    }
     for (uint32_t i = 0; i < tile->n_photos; i++) {
         const uint32_t photo = input->scene->views[tile->photos[i]].photo;
         if (photo >= input->photos->n_photos) continue;
-        const double ev = cn_photo_exposure_ev(&input->photos->photos[photo]);
+        const double ev = ev_of(&input->photos->photos[photo], told);
         if (!isfinite(ev)) continue;
         sum += ev;
         squares += ev * ev;
         n++;
     }
-    if (n < 2 || 2 * n < tile->n_photos) {
-        cn_tracks tracks;
-        if (cn_tracks_gather(&tracks, input, tile, CN_TRACKS_FINE) != CN_OK) return NAN;
-        const double stops = cn_tracks_gain(&tracks);
-        cn_tracks_deinit(&tracks);
-        return stops;
-    }
+    if (n < 2 || 2 * n < tile->n_photos) return NAN;
     const double mean = sum / n;
     return sqrt(fmax(squares / n - mean * mean, 0));
+}
+
+static double evidence(const cn_plan_input *input, const cn_plan_tile *tile)
+{
+    const double by_exif = exif_spread(input, tile);
+    cn_tracks tracks;
+    if (cn_tracks_gather(&tracks, input, tile, CN_TRACKS_FINE) != CN_OK) return by_exif;
+    const double by_colours = cn_tracks_gain(&tracks);
+    cn_tracks_deinit(&tracks);
+    return fmax(by_exif, by_colours);
 }
 
 extern const cn_effect cn_effect_exposure;

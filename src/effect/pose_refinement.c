@@ -29,8 +29,9 @@ enum { POSE = 6, PARAMS = 2 * POSE };
  * one. Not measured apart. */
 #define FLAT 1e-6
 
-static void constants_of(const cn_photo *photo, float *row)
+static void constants_of(const cn_photo *photo, cn_effect_settings told, float *row)
 {
+    (void)told;
     row[0] = cn_run_time(photo);
 }
 

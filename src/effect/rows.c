@@ -1,5 +1,7 @@
-/* What several effects do with the rows of the photos' parameters. */
+/* What several effects do with the rows of the photos. */
 #include "effect/effect.h"
+
+#include <math.h>
 
 void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows)
 {
@@ -11,4 +13,11 @@ void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows)
         for (uint32_t i = 0; i < n; i++)
             rows[(size_t)i * width + c] -= mean;
     }
+}
+
+void cn_effect_settings_add(cn_effect_settings *told, const cn_photo *photo)
+{
+    if (!isfinite(cn_photo_exposure_ev(photo))) return;
+    told->iso |= photo->iso > 0;
+    told->f_number |= photo->f_number > 0;
 }

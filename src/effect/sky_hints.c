@@ -485,12 +485,14 @@ double cn_sky_hints_share(const cn_plan_input *input, const cn_plan_tile *tile)
     if (!input->pixels || input->scene->n_points < 50 || !tile->n_photos) return NAN;
     sky_photo *sky = malloc(sizeof *sky);
     const bool room = sky && cn_sky_points_find(input->scene, tile, &points);
-    uint64_t cells = 0;
-    for (uint32_t p = 0; room && p < tile->n_photos; p++)
-        if (find_sky(input, tile->photos[p], &points, sky))
-            for (uint32_t i = 0; i < N; i++)
-                cells += sky->sky[i];
+    uint64_t cells = 0, all = 0;
+    for (uint32_t p = 0; room && p < tile->n_photos; p++) {
+        if (!find_sky(input, tile->photos[p], &points, sky)) continue;
+        all += N;
+        for (uint32_t i = 0; i < N; i++)
+            cells += sky->sky[i];
+    }
     cn_sky_points_deinit(&points);
     free(sky);
-    return room ? (double)cells / ((double)tile->n_photos * N) : NAN;
+    return all ? (double)cells / (double)all : NAN;
 }

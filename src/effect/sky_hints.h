@@ -11,6 +11,6 @@ typedef enum cn_sky_hint { CN_SKY_UNKNOWN, CN_SKY_NONE, CN_SKY_SHOWN, CN_SKY_NON
 
 /* hint[tile->n_photos][CN_SKY_HINTS], each a cn_sky_hint. A photo without points has no hints. False: out of memory. */
 bool cn_sky_hints_find(const cn_plan_input *input, const cn_plan_tile *tile, uint8_t *hint);
-/* The share of the photos' area that shows sky; NaN when it cannot be measured. */
+/* The share of the photos' area that shows sky, of those photos that have points; NaN when it cannot be measured. */
 double cn_sky_hints_share(const cn_plan_input *input, const cn_plan_tile *tile);
 #endif

@@ -11,7 +11,7 @@ enum {
     X = CN_SKY_HINT_X,
     Y = CN_SKY_HINT_Y,
     N = CN_SKY_HINTS,
-    MIN_TRACK = 3, /* views that a point needs; wrong matches across clouds have fewer */
+    MIN_TRACK = 3, /* views that a point needs, of three photos or more; wrong matches across clouds have fewer */
     /* Points that a photo does not see itself count where so many lie within so many hints: a single wrong one would
      * end the sky of a column. Found on lund. */
     CROWD = 3,
@@ -41,13 +41,14 @@ bool cn_sky_points_find(const cn_scene *scene, const cn_plan_tile *tile, cn_sky_
                                .seen = malloc(sizeof *points->seen * (scene->n_observations + 1u)),
                                .shown = malloc(sizeof *points->shown * (scene->n_points + 1u)) };
     const bool room = in_tile && points->first && points->seen && points->shown;
+    const uint32_t min_track = tile->n_photos < MIN_TRACK ? 2 : MIN_TRACK;
     for (uint32_t p = 0; room && p < tile->n_photos; p++)
         in_tile[tile->photos[p]] = true;
     for (int pass = 0; pass < 2 && room; pass++) {
         for (uint32_t p = 0; p < scene->n_points; p++) {
             const cn_point *point = &scene->points[p];
             bool shown = false;
-            for (uint32_t i = 0; point->n_observations >= MIN_TRACK && i < point->n_observations; i++) {
+            for (uint32_t i = 0; point->n_observations >= min_track && i < point->n_observations; i++) {
                 const cn_observation *o = &scene->observations[point->first_observation + i];
                 uint16_t at[2];
                 shown |= in_tile[o->view];

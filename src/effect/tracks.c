@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_POINTS = 3000, MIN_POINTS = 50, MAX_OBSERVATIONS = 64, GAIN_ROUNDS = 4 };
+enum { MAX_POINTS = 3000, MIN_POINTS = 50, MAX_OBSERVATIONS = 64, MIN_SIGHTINGS = 3, GAIN_ROUNDS = 4 };
 
 uint32_t *cn_tracks_rows(const cn_plan_input *input, const cn_plan_tile *tile)
 {
@@ -142,29 +142,48 @@ static cn_status fit_gains(cn_tracks *t)
     return CN_OK;
 }
 
-static uint32_t gather_points(cn_tracks *t, const cn_plan_input *input, const uint32_t *row, uint32_t across)
+static uint32_t count_sightings(const cn_scene *scene, const cn_point *point, const uint32_t *row)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < point->n_observations; i++)
+        n += row[scene->observations[(size_t)point->first_observation + i].view] != UINT32_MAX;
+    return n;
+}
+
+/* Adds what the tile's photos show of a point. Returns how many observations. */
+static size_t gather_point(cn_tracks *t, const cn_plan_input *input, uint32_t point, const uint32_t *row,
+                           uint32_t across)
+{
+    const cn_point *p = &input->scene->points[point];
+    const size_t first = t->n;
+    for (uint32_t i = 0; i < p->n_observations && t->n - first < MAX_OBSERVATIONS; i++) {
+        const cn_observation *o = &input->scene->observations[(size_t)p->first_observation + i];
+        if (row[o->view] == UINT32_MAX) continue;
+        cn_track_observation *observation = &t->observations[t->n];
+        observation->point = t->n_points;
+        observation->photo = row[o->view];
+        if (observe(input, p, o, across, observation)) t->n++;
+    }
+    return t->n - first;
+}
+
+/* Takes points that the tile's photos see often enough. Others do not count when they are thinned: of a large city's
+ * points only few are a tile's. */
+static void gather_points(cn_tracks *t, const cn_plan_input *input, const uint32_t *row, uint32_t across)
 {
     const cn_scene *scene = input->scene;
-    const uint32_t stride =
-        scene->n_points / (4 * MAX_POINTS) + 1; /* spread over the list, because many points are outside the tile */
-    uint32_t n_points = 0;
-    for (uint32_t p = 0; p < scene->n_points && n_points < MAX_POINTS; p += stride) {
-        const cn_point *point = &scene->points[p];
+    uint32_t n = 0, at = 0;
+    for (uint32_t p = 0; p < scene->n_points; p++)
+        n += count_sightings(scene, &scene->points[p], row) >= MIN_SIGHTINGS;
+    const uint32_t stride = n / (3 * MAX_POINTS) + 1; /* more than needed, because some are masked, dark or white */
+    for (uint32_t p = 0; p < scene->n_points && t->n_points < MAX_POINTS; p++) {
+        if (count_sightings(scene, &scene->points[p], row) < MIN_SIGHTINGS || at++ % stride) continue;
         const size_t first = t->n;
-        for (uint32_t i = 0; i < point->n_observations && t->n - first < MAX_OBSERVATIONS; i++) {
-            const cn_observation *o = &scene->observations[point->first_observation + i];
-            if (row[o->view] == UINT32_MAX) continue;
-            cn_track_observation *observation = &t->observations[t->n];
-            observation->point = n_points;
-            observation->photo = row[o->view];
-            if (observe(input, point, o, across, observation)) t->n++;
-        }
-        if (t->n - first < 3)
+        if (gather_point(t, input, p, row, across) < MIN_SIGHTINGS)
             t->n = first;
         else
-            t->points[n_points++].scene_point = p;
+            t->points[t->n_points++].scene_point = p;
     }
-    return n_points;
 }
 
 cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile, uint32_t across)
@@ -182,7 +201,7 @@ cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const 
         cn_tracks_deinit(tracks);
         return cn_fail(CN_ERR_NOMEM, "out of memory while measuring effects of tile %s", tile->id);
     }
-    tracks->n_points = gather_points(tracks, input, row, across);
+    gather_points(tracks, input, row, across);
     free(row);
     const cn_status status =
         tracks->n_points < MIN_POINTS

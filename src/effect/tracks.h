@@ -31,8 +31,8 @@ typedef struct cn_tracks {
  * a pixel. So evidence does not change with the width to which photos are scaled down. FINE: edges stay edges. COARSE:
  * what a photo's own light explains, which noise and small errors of the pose must not hide. */
 enum { CN_TRACKS_FINE = 480, CN_TRACKS_COARSE = 240 };
-/* At most 3,000 points with three or more observations in the tile's training photos. CN_ERR_DATA when there are fewer
- * than 50. across: of the patches, CN_TRACKS_FINE or CN_TRACKS_COARSE. */
+/* At most 3,000 points with three or more observations in the tile's training photos, whatever else the scene holds.
+ * CN_ERR_DATA when there are fewer than 50. across: of the patches, CN_TRACKS_FINE or CN_TRACKS_COARSE. */
 CN_NODISCARD cn_status cn_tracks_gather(cn_tracks *tracks, const cn_plan_input *input, const cn_plan_tile *tile,
                                         uint32_t across);
 void cn_tracks_deinit(cn_tracks *tracks);

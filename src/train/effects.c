@@ -21,16 +21,31 @@ void cn_train_effects_carve(cn_train_effects *e, cn_arena *arena)
     e->derived = CN_ARENA_NEW(arena, float, e->pack.n_shared);
 }
 
+static const cn_photo *photo_of(const cn_train_input *input, uint32_t view)
+{
+    return &input->photos->photos[input->scene->views[view].photo];
+}
+
+static cn_effect_settings told_settings(const cn_train_input *input)
+{
+    cn_effect_settings told = { 0 };
+    for (uint32_t i = 0; i < input->tile->n_photos; i++)
+        cn_effect_settings_add(&told, photo_of(input, input->tile->photos[i]));
+    return told;
+}
+
 void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack, float *constants)
 {
     const cn_plan_tile *tile = input->tile;
     for (uint32_t e = 0; e < pack->n_on; e++) {
         const cn_effect *effect = pack->on[e].effect;
         const uint32_t width = effect->photo_constants;
+        if (!width) continue;
+        const cn_effect_settings told = told_settings(input);
         float *rows = constants + pack->on[e].constants;
-        for (uint32_t i = 0; width && i < pack->n_rows; i++) {
+        for (uint32_t i = 0; i < pack->n_rows; i++) {
             const uint32_t view = i < tile->n_photos ? tile->photos[i] : tile->held_out[i - tile->n_photos];
-            effect->constants(&input->photos->photos[input->scene->views[view].photo], rows + (size_t)i * width);
+            effect->constants(photo_of(input, view), told, rows + (size_t)i * width);
         }
     }
     cn_effects_centre(pack, tile->n_photos, constants);
@@ -39,7 +54,7 @@ void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack,
 static void find_runs(cn_train_effects *e, const cn_train_input *input)
 {
     for (uint32_t i = 0; i < e->n_photos; i++)
-        e->run[i] = cn_run_time(&input->photos->photos[input->scene->views[input->tile->photos[i]].photo]);
+        e->run[i] = cn_run_time(photo_of(input, input->tile->photos[i]));
     (void)cn_runs_find(e->run, 1, e->n_photos);
 }
 

@@ -36,7 +36,7 @@ void cn_train_effects_move(const cn_train_effects *effects, const cn_effect_stat
 void cn_train_effects_list(const cn_train_effects *effects, cn_checkpoint *checkpoint);
 
 /* Constants of every effect that is on: for the tile's training photos, then for its held-out photos if the pack has
- * rows for them. They are centred on the training photos, and 0 where a photo does not say. constants has
- * pack->n_constants floats. */
+ * rows for them. They are centred on the training photos, and 0 where a photo does not say, or not all that the
+ * training photos say. constants has pack->n_constants floats. */
 void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack, float *constants);
 #endif

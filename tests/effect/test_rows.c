@@ -15,6 +15,7 @@
 #include <string.h>
 
 enum { PHOTOS = 5 };
+#define ALL_TOLD ((cn_effect_settings){ true, true })
 
 static float uniform(unsigned stream, size_t i)
 {
@@ -36,13 +37,13 @@ static void test_exposure_knows_runs(void **state)
     };
     float row[PHOTOS][2];
     for (int i = 0; i < PHOTOS; i++)
-        e->constants(&photos[i], row[i]);
+        e->constants(&photos[i], ALL_TOLD, row[i]);
     e->centre(row[0], PHOTOS, PHOTOS);
     const float two_runs[PHOTOS] = { -1, 1, 1, -1, 0 };
     for (int i = 0; i < PHOTOS; i++)
         assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 1);
     for (int i = 0; i < 2; i++)
-        e->constants(&photos[i], row[i]);
+        e->constants(&photos[i], ALL_TOLD, row[i]);
     e->centre(row[0], 2, 2);
     for (int i = 0; i < 2; i++)
         assert_true(fabsf(row[i][0] - two_runs[i]) < 1e-5f && row[i][1] == 1);
@@ -66,8 +67,8 @@ static void test_exposure_of_held_out_photos(void **state)
     enum { TRAINED = 2, ALL = 6 };
     float alone[TRAINED][2], row[ALL][2];
     for (int i = 0; i < ALL; i++) {
-        e->constants(&photos[i], row[i]);
-        if (i < TRAINED) e->constants(&photos[i], alone[i]);
+        e->constants(&photos[i], ALL_TOLD, row[i]);
+        if (i < TRAINED) e->constants(&photos[i], ALL_TOLD, alone[i]);
     }
     e->centre(alone[0], TRAINED, TRAINED);
     e->centre(row[0], ALL, TRAINED);
@@ -78,9 +79,41 @@ static void test_exposure_of_held_out_photos(void **state)
     assert_true(fabsf(row[4][0] - 1) < 1e-5f);
     /* Trained photos of one run; one held out that has no time is of it too, one of another day is not. */
     for (int i = 0; i < ALL; i++)
-        e->constants(&photos[i == 1 ? 0 : i], row[i]);
+        e->constants(&photos[i == 1 ? 0 : i], ALL_TOLD, row[i]);
     e->centre(row[0], ALL, TRAINED);
     assert_true(row[0][0] == 0 && row[3][0] == 0 && fabsf(row[5][0] - 3) < 1e-5f);
+}
+
+/* A photo without the f-number or the ISO that others have tells nothing: 0 when centred. So does one that alone has
+ * an f-number, when it is held out. Where none has one, the exposure times are enough. */
+static void test_exposure_of_photos_that_lack_settings(void **state)
+{
+    (void)state;
+    enum { N = 5 };
+    const cn_effect *e = cn_effect_find("exposure");
+    cn_photo photos[N] = {
+        { .exposure_s = 0.01, .iso = 100, .f_number = 8, .time_s = NAN },
+        { .exposure_s = 0.04, .iso = 100, .f_number = 8, .time_s = NAN },
+        { .exposure_s = 0.02, .iso = 100, .f_number = NAN, .time_s = NAN },
+        { .exposure_s = 0.02, .iso = NAN, .f_number = 8, .time_s = NAN },
+        { .exposure_s = NAN, .iso = 100, .f_number = 8, .time_s = NAN },
+    };
+    const float expected[N] = { -1, 1, 0, 0, 0 };
+    for (int without = 0; without < 2; without++) {
+        for (int i = 0; i < 2 && without; i++)
+            photos[i].f_number = NAN;
+        photos[2].iso = without ? 0 : 100;
+        float row[N][2];
+        cn_effect_settings told = { 0 };
+        for (int i = 0; i < (without ? 2 : N); i++)
+            cn_effect_settings_add(&told, &photos[i]);
+        assert_true(told.iso && told.f_number == !without);
+        for (int i = 0; i < N; i++)
+            e->constants(&photos[i], told, row[i]);
+        e->centre(row[0], N, without ? 2 : N);
+        for (int i = 0; i < N; i++)
+            assert_true(fabsf(row[i][0] - expected[i]) < 1e-5f && row[i][1] == 1);
+    }
 }
 
 /* The number of runs does not matter. A photo without a run stays as it is. */
@@ -161,8 +194,11 @@ static void test_moves_have_no_trend(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_exposure_knows_runs),     cmocka_unit_test(test_exposure_of_held_out_photos),
-        cmocka_unit_test(test_runs_are_drawn_together), cmocka_unit_test(test_one_run_has_one_sky),
+        cmocka_unit_test(test_exposure_knows_runs),
+        cmocka_unit_test(test_exposure_of_held_out_photos),
+        cmocka_unit_test(test_exposure_of_photos_that_lack_settings),
+        cmocka_unit_test(test_runs_are_drawn_together),
+        cmocka_unit_test(test_one_run_has_one_sky),
         cmocka_unit_test(test_moves_have_no_trend),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

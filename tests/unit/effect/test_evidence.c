@@ -29,6 +29,46 @@ static void test_transient(void **state)
     assert_true(fabs(statue) < 0.01 || isnan(statue));
 }
 
+/* Of a point that very many photos track not every observation is kept. Photos whose observation is not kept do not
+ * count as photos without the point: each photo taken four times gives the evidence of taking it once. */
+static void test_transient_of_long_tracks(void **state)
+{
+    (void)state;
+    enum { COPIES = 4, ALL = COPIES * VIEWS };
+    static wall w;
+    static cn_view views[ALL];
+    static cn_observation observations[COPIES * POINTS * VIEWS];
+    static cn_point points[POINTS];
+    uint32_t photos[ALL], n = 0;
+    wall_init(&w, PASSING, NO_SKY);
+    const cn_plan_input once = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    const double expected = cn_tracks_transient(&once, &w.tile);
+    for (uint32_t v = 0; v < ALL; v++) {
+        views[v] = w.views[v % VIEWS];
+        photos[v] = v;
+    }
+    for (uint32_t p = 0; p < w.scene.n_points; p++) {
+        points[p] = w.points[p];
+        points[p].first_observation = n;
+        points[p].n_observations *= COPIES;
+        for (uint32_t i = 0; i < points[p].n_observations; i++) {
+            const uint32_t one = w.points[p].n_observations;
+            observations[n] = w.observations[w.points[p].first_observation + i % one];
+            observations[n++].view += i / one * VIEWS;
+        }
+    }
+    cn_scene scene = w.scene;
+    scene.views = views;
+    scene.n_views = ALL;
+    scene.points = points;
+    scene.observations = observations;
+    scene.n_observations = n;
+    const cn_plan_input input = { .scene = &scene, .photos = &w.index, .pixels = w.pixels };
+    const cn_plan_tile tile = { .id = "four times", .photos = photos, .n_photos = ALL };
+    assert_float_equal(cn_tracks_transient(&input, &tile), expected, 0.05);
+    wall_deinit(&w);
+}
+
 /* Photos by many cameras have more evidence, if they are many. Those of a camera that is turned are by one. */
 static void test_strangers(void **state)
 {
@@ -74,6 +114,45 @@ static void test_stereo_depth(void **state)
     wall_deinit(&w);
 }
 
+static void set_exposure(wall *w, double even_s, double odd_s)
+{
+    for (unsigned i = 0; i < VIEWS; i++) {
+        cn_photo *photo = &w->index.photos[i];
+        photo->exposure_s = i % 2 ? odd_s : even_s;
+        photo->iso = 100;
+        photo->f_number = 8;
+    }
+}
+
+/* What EXIF says, or what the photos show, whichever is more. Without sparse points EXIF alone tells. A photo without
+ * the f-number that the others have is not six stops brighter. */
+static void test_exposure(void **state)
+{
+    (void)state;
+    static wall w;
+    const cn_effect *effect = cn_effect_find("exposure");
+    assert_non_null(effect);
+    for (int gains = 0; gains < 2; gains++) {
+        gain_stops = gains * 0.6;
+        wall_init(&w, NOTHING, NO_SKY);
+        gain_stops = 0;
+        const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+        const double shown = effect->evidence(&input, &w.tile);
+        assert_float_equal(shown, gains * 0.3, 0.02);
+        set_exposure(&w, 0.01, 0.01);
+        assert_float_equal(effect->evidence(&input, &w.tile), shown, 1e-9);
+        w.index.photos[0].f_number = NAN;
+        assert_float_equal(effect->evidence(&input, &w.tile), shown, 1e-9);
+        set_exposure(&w, 0.01, 0.02);
+        assert_float_equal(effect->evidence(&input, &w.tile), 0.5, 1e-6);
+        w.scene.n_points = 0;
+        assert_float_equal(effect->evidence(&input, &w.tile), 0.5, 1e-6);
+        set_exposure(&w, NAN, NAN);
+        assert_true(isnan(effect->evidence(&input, &w.tile)));
+        wall_deinit(&w);
+    }
+}
+
 /* Found where there is some, and taken out of a pixel. Unknown without sparse points. */
 static void test_vignetting(void **state)
 {
@@ -107,6 +186,29 @@ static void test_vignetting(void **state)
     const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
     assert_true(isnan(effect->evidence(&input, &w.tile)));
     assert_int_equal(cn_vignetting_find(&input, &w.tile, VIEWS, w.photos, found), CN_ERR_DATA);
+    wall_deinit(&w);
+}
+
+/* A tile's vignetting does not depend on how many tiles the city has: their points lie between its own. */
+static void test_vignetting_in_a_city(void **state)
+{
+    (void)state;
+    static wall w;
+    enum { TILES = 300 };
+    cn_vignetting alone, in_city;
+    wall_init_through(&w, NOTHING, NO_SKY, 0.8, false);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    assert_int_equal(cn_vignetting_find(&input, &w.tile, 1, w.photos, &alone), CN_OK);
+    cn_scene city = w.scene;
+    city.n_points = TILES * w.scene.n_points;
+    city.points = calloc(city.n_points, sizeof *city.points);
+    assert_non_null(city.points);
+    for (uint32_t i = 0; i < w.scene.n_points; i++)
+        city.points[i * TILES + i % TILES] = w.points[i];
+    const cn_plan_input of_city = { .scene = &city, .photos = &w.index, .pixels = w.pixels };
+    assert_int_equal(cn_vignetting_find(&of_city, &w.tile, 1, w.photos, &in_city), CN_OK);
+    assert_memory_equal(&in_city, &alone, sizeof alone);
+    free(city.points);
     wall_deinit(&w);
 }
 
@@ -218,9 +320,12 @@ static void test_local_light(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_transient),
+                                        cmocka_unit_test(test_transient_of_long_tracks),
                                         cmocka_unit_test(test_strangers),
                                         cmocka_unit_test(test_stereo_depth),
+                                        cmocka_unit_test(test_exposure),
                                         cmocka_unit_test(test_vignetting),
+                                        cmocka_unit_test(test_vignetting_in_a_city),
                                         cmocka_unit_test(test_vignetting_of_two_cameras),
                                         cmocka_unit_test(test_local_light),
                                         cmocka_unit_test(test_colour_of_a_patch) };

@@ -19,6 +19,35 @@ static void test_sky(void **state)
     assert_true(without < 0.02);
 }
 
+/* Drops what views from `end` on see of the points. */
+static void keep_observations_before(wall *w, uint32_t end)
+{
+    for (uint32_t i = 0; i < w->scene.n_points; i++) {
+        cn_point *p = &w->points[i];
+        while (p->n_observations && w->observations[p->first_observation + p->n_observations - 1].view >= end)
+            p->n_observations--;
+    }
+}
+
+/* Photos without points do not count as photos without sky. Points of two views are enough for two photos, but not for
+ * more: then nothing is measured. */
+static void test_sky_of_photos_without_points(void **state)
+{
+    (void)state;
+    static wall w;
+    wall_init(&w, NOTHING, GREY_SKY);
+    const cn_plan_input input = { .scene = &w.scene, .photos = &w.index, .pixels = w.pixels };
+    keep_observations_before(&w, VIEWS / 2);
+    const double half = cn_sky_hints_share(&input, &w.tile);
+    assert_true(half > 0.14 && half < 0.18);
+    keep_observations_before(&w, 2);
+    assert_true(isnan(cn_sky_hints_share(&input, &w.tile)));
+    w.tile.n_photos = 2;
+    const double two = cn_sky_hints_share(&input, &w.tile);
+    assert_true(two > 0.14 && two < 0.18);
+    wall_deinit(&w);
+}
+
 /* The sky is known up to two hints from the roof, although sparse points stand on the roof's edge. Below the points of
  * a column no hint tells of sky. */
 static void test_sky_hints(void **state)
@@ -215,6 +244,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_sky),
+        cmocka_unit_test(test_sky_of_photos_without_points),
         cmocka_unit_test(test_sky_hints),
         cmocka_unit_test(test_no_sky_at_top),
         cmocka_unit_test(test_sky_along_roof),

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-double step_m = 0.25, thing_grey = 0.02;
+double step_m = 0.25, thing_grey = 0.02, gain_stops;
 cn_side first_turn;
 unsigned border_px;
 bool white_wall;
@@ -57,7 +57,8 @@ static void draw(wall *w, before what, unsigned view)
         colour(w, what, view, dir, seen);
         if (i / WIDTH < border_px || i / WIDTH >= HEIGHT - border_px) memset(seen, 0, sizeof seen);
         const double falloff = w->every_second && view % 2 ? 0 : w->falloff;
-        const double lens = exp2(-falloff * cn_track_square(i % WIDTH + 0.5, i / WIDTH + 0.5, WIDTH, HEIGHT));
+        const double lens = exp2((view % 2 ? gain_stops : 0) -
+                                 falloff * cn_track_square(i % WIDTH + 0.5, i / WIDTH + 0.5, WIDTH, HEIGHT));
         for (int c = 0; c < 3; c++)
             rgb[3 * i + (unsigned)c] = (float)pow(lens * seen[c], 1 / 2.2);
     }

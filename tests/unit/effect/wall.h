@@ -42,6 +42,7 @@ typedef struct wall {
 extern double step_m;      /* between cameras */
 extern double thing_grey;  /* of what stands before the wall */
 extern cn_side first_turn; /* of view 0 */
+extern double gain_stops;  /* of every second photo */
 extern unsigned border_px; /* black, at the top and the bottom of photos */
 /* West of WHITE_TO_M the wall is as bright as the sky below a dark edge of its roof; east of it is sky. */
 extern bool white_wall;
