@@ -187,14 +187,13 @@ static void clear_pinholes(cn_picture *p, uint8_t *done, uint32_t *queue)
     }
 }
 
-/* Makes the holes below the horizon transparent, and the pixels at their edges, which have a part of the tinge. */
-static cn_status clear_holes(cn_picture *p)
+/* Makes the holes below the horizon transparent, and the pixels at their edges, which have a part of the tinge. sky and
+ * queue: room for all pixels. */
+static void clear_holes(cn_picture *p, uint8_t *sky, uint32_t *queue)
 {
     const size_t n = (size_t)p->width * p->height;
-    uint8_t *sky = malloc(n + 1);
-    uint32_t *queue = malloc((n + 1) * sizeof *queue);
-    if (sky && queue) mark_sky(p, sky, queue);
-    for (size_t i = 0; sky && queue && i < n; i++) {
+    mark_sky(p, sky, queue);
+    for (size_t i = 0; i < n; i++) {
         size_t around[8];
         bool hole = !sky[i] && is_open(p, i);
         if (sky[i] || p->rgba[4 * i + 3] >= OPAQUE) continue;
@@ -202,12 +201,7 @@ static cn_status clear_holes(cn_picture *p)
             hole = !sky[around[k]] && is_open(p, around[k]);
         if (hole) memset(p->rgba + 4 * i, 0, 4 * sizeof *p->rgba);
     }
-    if (sky && queue) clear_pinholes(p, sky, queue);
-    const bool done = sky && queue;
-    free(sky);
-    free(queue);
-    return done ? CN_OK
-                : cn_fail(CN_ERR_NOMEM, "out of memory to fill a picture of %u x %u pixels", p->width, p->height);
+    clear_pinholes(p, sky, queue);
 }
 
 static void add_grey(const level *l)
@@ -221,25 +215,47 @@ static void add_grey(const level *l)
     }
 }
 
-cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen)
+static void scale(cn_picture *p, float factor)
 {
-    level levels[MAX_LEVELS];
-    uint32_t n;
-    if (unseen == CN_UNSEEN_BLACK) return CN_OK;
-    if (picture->depth) CN_TRY(clear_holes(picture));
-    const size_t floats = place_levels(picture, unseen == CN_UNSEEN_NEUTRAL ? SMALL : 1, levels, &n);
-    float *room = malloc((floats ? floats : 1) * sizeof *room), *next = room;
-    if (!room)
-        return cn_fail(CN_ERR_NOMEM, "out of memory to fill a picture of %u x %u pixels", picture->width,
-                       picture->height);
+    for (size_t i = 0; i < 4 * (size_t)p->width * p->height; i++)
+        p->rgba[i] *= factor;
+}
+
+/* room: of all levels but the picture's own. */
+static void fill(cn_picture *p, cn_unseen unseen, level *levels, uint32_t n, float *room)
+{
     for (uint32_t i = 1; i < n; i++) {
-        levels[i].rgba = next;
-        next += (size_t)levels[i].width * levels[i].height * 4;
-        pull(&levels[i - 1], i == 1, i == 1 && has_matter(picture) ? picture : NULL, &levels[i]);
+        levels[i].rgba = room;
+        room += (size_t)levels[i].width * levels[i].height * 4;
+        pull(&levels[i - 1], i == 1, i == 1 && has_matter(p) ? p : NULL, &levels[i]);
     }
     if (unseen == CN_UNSEEN_NEUTRAL) add_grey(&levels[n - 1]);
     for (uint32_t i = n - 1; i-- > 0;)
         push(&levels[i + 1], &levels[i]);
+}
+
+cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen)
+{
+    const float coverage = 1 - picture->fade;
+    if (unseen == CN_UNSEEN_BLACK || !(coverage > 0)) return CN_OK;
+    level levels[MAX_LEVELS];
+    uint32_t n;
+    const size_t pixels = (size_t)picture->width * picture->height,
+                 floats = place_levels(picture, unseen == CN_UNSEEN_NEUTRAL ? SMALL : 1, levels, &n);
+    float *room = malloc((floats + 1) * sizeof *room);
+    uint8_t *sky = malloc(pixels + 1);
+    uint32_t *queue = malloc((pixels + 1) * sizeof *queue);
+    const bool ready = room && sky && queue;
+    if (ready) {
+        if (coverage < 1) scale(picture, 1 / coverage);
+        if (picture->depth) clear_holes(picture, sky, queue);
+        fill(picture, unseen, levels, n, room);
+        if (coverage < 1) scale(picture, coverage);
+    }
     free(room);
-    return CN_OK;
+    free(sky);
+    free(queue);
+    return ready ? CN_OK
+                 : cn_fail(CN_ERR_NOMEM, "out of memory to fill a picture of %u x %u pixels", picture->width,
+                           picture->height);
 }

@@ -116,15 +116,22 @@ void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *s, const cn_pictur
     s->n++;
 }
 
-void cn_compose_finish(cn_compose_sum *s, double coverage, float *border)
+void cn_compose_finish(cn_compose_sum *s, float *border)
 {
     const size_t n = (size_t)s->out->width * s->out->height;
     for (size_t i = 0; i < n; i++) {
-        const float w = s->weight[i], k = w > 0 ? (float)coverage / w : 0, alpha = s->out->rgba[4 * i + 3];
+        const float w = s->weight[i], k = w > 0 ? 1 / w : 0, alpha = s->out->rgba[4 * i + 3];
         if (border) border[i] = w > 0 ? s->second[i] / w : 0;
         /* When most of a pixel has no depth (a sky), the result has none. */
         s->out->depth[i] = s->depth_weight[i] > 0.5f * alpha ? s->out->depth[i] / s->depth_weight[i] : 0;
         for (int c = 0; c < 4; c++)
             s->out->rgba[4 * i + (size_t)c] *= k;
     }
+}
+
+void cn_compose_fade(cn_picture *p, double coverage)
+{
+    p->fade = (float)(1 - coverage);
+    for (size_t i = 0; i < 4 * (size_t)p->width * p->height && p->fade > 0; i++)
+        p->rgba[i] *= 1 - p->fade;
 }

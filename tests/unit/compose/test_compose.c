@@ -244,9 +244,9 @@ typedef struct two {
 } two;
 static void two_init(two *t)
 {
-    t->a = (cn_picture){ 2, 1, t->a_rgba, t->a_depth };
-    t->b = (cn_picture){ 2, 1, t->b_rgba, t->b_depth };
-    t->out = (cn_picture){ 2, 1, t->rgba, t->depth };
+    t->a = (cn_picture){ .width = 2, .height = 1, .rgba = t->a_rgba, .depth = t->a_depth };
+    t->b = (cn_picture){ .width = 2, .height = 1, .rgba = t->b_rgba, .depth = t->b_depth };
+    t->out = (cn_picture){ .width = 2, .height = 1, .rgba = t->rgba, .depth = t->depth };
     assert_int_equal(cn_compose_sum_init(&t->sum, &t->out), CN_OK);
 }
 
@@ -263,7 +263,7 @@ static void adds_colour_and_weighs_depth_by_alpha(void **state)
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 0.5);
     cn_compose_add(&t.sum, &t.b, 0.5);
-    cn_compose_finish(&t.sum, 1, border);
+    cn_compose_finish(&t.sum, border);
     const float want[4] = { 0.75f, 0.625f, 0.5f, 0.75f };
     for (int i = 0; i < 4; i++)
         assert_near(t.rgba[i], want[i], 1e-6);
@@ -285,14 +285,14 @@ static void what_has_no_depth_does_not_change_it(void **state)
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 0.6);
     cn_compose_add(&t.sum, &t.b, 0.4);
-    cn_compose_finish(&t.sum, 1, NULL);
+    cn_compose_finish(&t.sum, NULL);
     assert_near(t.depth[0], 10, 1e-4);
     assert_near(t.rgba[3], 1, 1e-6);
     cn_compose_sum_deinit(&t.sum);
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 0.4); /* mostly sky */
     cn_compose_add(&t.sum, &t.b, 0.6);
-    cn_compose_finish(&t.sum, 1, NULL);
+    cn_compose_finish(&t.sum, NULL);
     assert_near(t.depth[0], 0, 0);
     cn_compose_sum_deinit(&t.sum);
 }
@@ -303,14 +303,16 @@ static void one_whole_tile_comes_out_unchanged(void **state)
     two t = { .a_rgba = { 0.1f, 0.2f, 0.3f, 0.4f }, .a_depth = { 7 } };
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 1);
-    cn_compose_finish(&t.sum, 1, NULL);
+    cn_compose_finish(&t.sum, NULL);
     assert_memory_equal(t.rgba, t.a_rgba, sizeof t.rgba);
     assert_near(t.depth[0], 7, 1e-6);
     cn_compose_sum_deinit(&t.sum);
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 1);
-    cn_compose_finish(&t.sum, 0.25, NULL); /* near the end of the reach */
+    cn_compose_finish(&t.sum, NULL);
+    cn_compose_fade(&t.out, 0.25); /* near the end of the reach */
     assert_near(t.rgba[3], 0.1, 1e-7);
+    assert_near(t.out.fade, 0.75, 0);
     assert_near(t.depth[0], 7, 1e-6);
     cn_compose_sum_deinit(&t.sum);
 }
@@ -334,7 +336,7 @@ static void three_dimensions_weigh_by_what_is_shown(void **state)
         cn_compose_add_3d(
             NULL, &t.sum, &t.b,
             &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 23 }, 1, exponents[e] }); /* 3 m off */
-        cn_compose_finish(&t.sum, 1, NULL);
+        cn_compose_finish(&t.sum, NULL);
         const double r = pow(3.0 / 4.0, exponents[e]);
         assert_near(t.rgba[0], r / (1 + r), 1e-4);
         assert_near(t.rgba[1], 1 / (1 + r), 1e-4);
@@ -347,7 +349,7 @@ static void three_dimensions_weigh_by_what_is_shown(void **state)
         NULL, &t.sum, &t.a,
         &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 10 }, 1, 64 }); /* at the centre itself */
     cn_compose_add_3d(NULL, &t.sum, &t.b, &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 30 }, 1, 64 });
-    cn_compose_finish(&t.sum, 1, NULL);
+    cn_compose_finish(&t.sum, NULL);
     assert_near(t.rgba[0], 1, 0);
     cn_compose_sum_deinit(&t.sum);
 }
