@@ -77,13 +77,17 @@ CN_API void cn_compose_see(cn_compose_choice *choice, const double *visibility, 
 /* Whether the choice depends on visibility, so that cn_compose_see must be called. */
 CN_API bool cn_compose_wants_visibility(const cn_compose_choice *choice, const cn_compose_options *options);
 
-/* A weighted sum of pictures of one size. Premultiplied colour and alpha are weighted by weight; depth by weight times
- * alpha, where there is depth. */
+/* A weighted sum of pictures of one size. Where a picture is transparent, its tile holds nothing, and says nothing of
+ * what others hold: a picture's share of a pixel is its weight times its alpha. Colours are mixed by share, and so are
+ * depths, of the pictures that have one. Alpha is that of the surest pictures; where they have less than a fifth of the
+ * weight, it falls to the mean by weight, so that a picture of weight 0 changes nothing. Pictures that agree come out
+ * as they are. */
 typedef struct cn_compose_sum {
-    cn_picture *out;                                           /* borrowed */
-    float *log_scale, *weight, *depth_weight, *second, *first; /* one value per pixel */
+    cn_picture *out; /* borrowed */
+    /* one value per pixel */
+    float *log_scale, *weight, *depth_weight, *second, *first, *surest, *sure_weight, *sure_square;
     /* NULL, or a buffer of the caller, set after init: per pixel the index (in order of addition) of the picture with
-     * the largest weight */
+     * the largest share; unchanged where all are transparent */
     uint32_t *heaviest;
     uint32_t n; /* pictures so far */
 } cn_compose_sum;
