@@ -122,8 +122,8 @@ typedef enum cn_unseen { CN_UNSEEN_FILL, CN_UNSEEN_NEUTRAL, CN_UNSEEN_BLACK } cn
 /* Fills a picture in place: colour and alpha change, depth does not. depth may be NULL; with it a hole in the ground
  * just below the horizon is filled whole, where it has a tinge of sky. Every pixel becomes opaque, except with
  * CN_UNSEEN_BLACK and where there is no colour to fill from. A picture with picture->fade is filled as it was before it
- * faded, and the result fades towards black. Meant for pictures that people look at; compositing needs
- * the alpha as it was. CN_ERR_NOMEM: the picture has not changed. */
+ * faded, and the result fades towards black. One with picture->wraps has no edge at its left and right. Meant for
+ * pictures that people look at; compositing needs the alpha as it was. CN_ERR_NOMEM: the picture has not changed. */
 CN_API CN_NODISCARD cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen);
 
 /* ---- appearance alignment between tiles ----

@@ -222,10 +222,11 @@ static cn_status weigh_visibility(cn_tile_cache *g, shot *s)
     return CN_OK;
 }
 
-static void empty(cn_picture *picture)
+static void empty(const cn_camera *camera, cn_picture *picture)
 {
     const size_t pixels = (size_t)picture->width * picture->height;
     picture->fade = 0;
+    picture->wraps = camera->lens == CN_LENS_EQUIRECTANGULAR;
     memset(picture->rgba, 0, pixels * 4 * sizeof *picture->rgba);
     memset(picture->depth, 0, pixels * sizeof *picture->depth);
 }
@@ -236,7 +237,7 @@ cn_status cn_tile_cache_alone(cn_tile_cache *g, const cn_context *ctx, uint32_t 
     const cn_tile *tile;
     cn_render_options mine = *v->options;
     cn_appearance row;
-    empty(picture);
+    empty(v->camera, picture);
     CN_TRY(cn_tile_cache_tile(g, g->which[which], &tile));
     CN_TRY(row_of(g, ctx, tile, v, &row));
     mine.appearance = &row;
@@ -326,7 +327,7 @@ cn_status cn_tile_cache_blend(cn_tile_cache *g, const cn_context *ctx, const cn_
     cn_compose_choose(g->n, (const double(*)[3])g->centres, g->seen_radii, centre, &g->compose, &s.choice);
     CN_TRY(weigh_visibility(g, &s));
     if (v->used) snprintf(v->used, 32, "%s", s.choice.n ? g->plan->tiles[g->which[s.choice.tile[0]]].id : "");
-    empty(picture);
+    empty(v->camera, picture);
     if (v->border) memset(v->border, 0, pixels * sizeof *v->border);
     if (v->owner) memset(v->owner, 0xff, pixels * sizeof *v->owner);
     if (!s.choice.n) {

@@ -197,6 +197,41 @@ static void what_fades_is_not_unseen(void **state)
         }
 }
 
+/* A picture of all directions: what is filled behind the camera goes on over the left and right edge. A fleck in a wall
+ * there is filled, too. */
+static void all_directions_have_no_edge_behind(void **state)
+{
+    (void)state;
+    static const uint32_t widths[] = { 256, 250, 201, 131 };
+    static const float sky[3] = { 0.1f, 0.1f, 0.9f }, none[3] = { 0 };
+    for (size_t k = 0; k < sizeof widths / sizeof *widths; k++) {
+        const uint32_t w = widths[k], h = w / 2, edge = w / 9;
+        cn_picture p;
+        assert_int_equal(cn_picture_init(&p, w, h), CN_OK);
+        p.wraps = true;
+        for (uint32_t y = 0; y < h; y++)
+            for (uint32_t x = 0; x < w; x++) {
+                const float s = 0.5f + 0.4f * sinf(((float)x + 0.5f) / (float)w * 6.2831853f);
+                const bool hole = (x < edge || x >= w - edge) && y > h / 4;
+                paint(&p, x, y, hole ? none : (const float[]){ s, s, s }, !hole);
+                p.depth[y * w + x] = hole ? 0 : 10;
+            }
+        paint(&p, 0, 4, sky, 1); /* a fleck above the hole */
+        p.depth[4 * w] = 0;
+        assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+        float seam = 0, steepest = 0;
+        for (uint32_t y = h / 4 + 1; y < h; y++)
+            for (uint32_t x = 0; x < w; x++) {
+                const float step = fabsf(p.rgba[4 * (y * w + x)] - p.rgba[4 * (y * w + (x + 1) % w)]);
+                if (x == w - 1) seam = fmaxf(seam, step);
+                if (x < w - 1) steepest = fmaxf(steepest, step);
+            }
+        assert_true(seam < 1.1f * steepest && seam < 0.05f);
+        assert_true(fabsf(p.rgba[4 * (4 * w)] - p.rgba[4 * (4 * w) + 2]) < 0.02f);
+        cn_picture_deinit(&p);
+    }
+}
+
 static void black_changes_nothing(void **state)
 {
     (void)state;
@@ -243,6 +278,7 @@ int main(void)
         cmocka_unit_test(the_sky_does_not_fill_holes),
         cmocka_unit_test(flecks_in_a_wall_are_filled),
         cmocka_unit_test(what_fades_is_not_unseen),
+        cmocka_unit_test(all_directions_have_no_edge_behind),
         cmocka_unit_test(black_changes_nothing),
         cmocka_unit_test(hard_pictures),
         cmocka_unit_test(a_trace_of_fog_fills_nothing),
