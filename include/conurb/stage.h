@@ -61,7 +61,8 @@ typedef struct cn_city_render_options {
     uint32_t chunk, n_chunks; /* render only part `chunk` (from 1) of n_chunks parts; n_chunks 0: all frames */
 } cn_city_render_options;
 /* Renders frames as EXR and PNG; two or more also as a film. Frames that are done already, with the same tiles, view
- * and appearance, are kept. CN_ERR_LOCKED: another process is rendering the same frames. */
+ * and appearance, are kept. Frames that an earlier, longer render left in the folder are removed. CN_ERR_LOCKED:
+ * another process is rendering the same frames. */
 CN_API CN_NODISCARD cn_status cn_city_render(const cn_context *ctx, cn_city *city,
                                              const cn_city_render_options *options);
 /* Which frames of a render are done and valid. done[n_frames] is owned by the survey. */
