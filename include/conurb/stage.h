@@ -51,7 +51,9 @@ typedef struct cn_city_render_options {
     double height_m;         /* metres above the ground, for streets and tracks on the ground; 0: from the file */
     const char *out;         /* folder to write to; NULL: CITY/renders/NAME */
     const char *appearance;  /* PHOTO | mean | A:B:0.3 | A:B:0.3:C:0.2 | FILE.json | fit:PHOTO; NULL: mean */
-    const char *sequence;    /* instead of appearance: "A,B,C", from one to the next along the frames */
+    const char *sequence;    /* instead of appearance: "A,B,C", from one to the next along the frames; a name may have
+                                a comma: the longest piece that is an appearance is one */
+    const char *from, *to;   /* instead of both: from one appearance to another along the frames; give both or none */
     const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;
     const char *blend;           /* a name of cn_blend_parse; NULL: from city.yaml */

@@ -228,6 +228,29 @@ void cn_appearance_specs_free(cn_appearance_spec *specs, uint32_t n)
     free(specs);
 }
 
+/* Parses the longest piece up to a comma that is an appearance: names may have commas. *rest: after the piece's comma,
+ * or NULL at the end. */
+static cn_status parse_piece(cn_appearance_spec *spec, char **rest, const cn_city *city, const cn_photo_index *photos)
+{
+    char *text = *rest, *comma = text + strlen(text);
+    *rest = NULL;
+    cn_status status = cn_appearance_spec_parse(spec, text, city, photos);
+    while (status != CN_OK && status != CN_ERR_NOMEM) {
+        const char end = *comma;
+        *comma = '\0';
+        char *shorter = strrchr(text, ',');
+        *comma = end;
+        if (!shorter) break;
+        *shorter = '\0';
+        cn_appearance_spec_deinit(spec);
+        status = cn_appearance_spec_parse(spec, text, city, photos);
+        *shorter = ',';
+        comma = shorter;
+        *rest = shorter + 1;
+    }
+    return status;
+}
+
 cn_status cn_appearance_specs_parse(cn_appearance_spec **specs, uint32_t *n, const char *text, const cn_city *city,
                                     const cn_photo_index *photos)
 {
@@ -238,8 +261,8 @@ cn_status cn_appearance_specs_parse(cn_appearance_spec **specs, uint32_t *n, con
     *specs = calloc(most, sizeof **specs);
     char *copy = strdup(text);
     cn_status status = *specs && copy ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (char *rest = copy, *word; status == CN_OK && (word = strsep(&rest, ",")) != NULL;)
-        status = cn_appearance_spec_parse(&(*specs)[(*n)++], word, city, photos);
+    for (char *rest = copy; status == CN_OK && rest;)
+        status = parse_piece(&(*specs)[(*n)++], &rest, city, photos);
     free(copy);
     if (status != CN_OK) {
         cn_appearance_specs_free(*specs, *n);

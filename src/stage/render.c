@@ -37,6 +37,12 @@ typedef struct render_job {
     uint64_t key;   /* hash of everything that a frame depends on */
 } render_job;
 
+/* Whether the light changes along the frames. */
+static bool relights(const cn_city_render_options *o)
+{
+    return o->sequence || o->from;
+}
+
 static char *out_folder(const render_job *j)
 {
     if (j->options->out) return cn_format("%s", j->options->out);
@@ -44,7 +50,7 @@ static char *out_folder(const render_job *j)
                        : j->options->orbit ? "orbit"
                        : j->options->path  ? cn_path_base(j->options->path)
                                            : "flight";
-    char *relative = cn_format("renders/%s%s", j->options->sequence ? "relit-" : "", base);
+    char *relative = cn_format("renders/%s%s", relights(j->options) ? "relit-" : "", base);
     /* The name keeps the photo's folder and extension, so that no two photos share a folder. */
     char *dot = relative && !j->options->photo ? strrchr(relative, '.') : NULL;
     if (dot && dot[-1] != '/') *dot = '\0';
@@ -194,7 +200,7 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
 static cn_status hold_view(render_job *j)
 {
     const uint32_t n = j->options->n_frames ? j->options->n_frames : j->city->config.render_frames;
-    if (!j->options->sequence || j->path.n_frames != 1 || n < 2) return CN_OK;
+    if (!relights(j->options) || j->path.n_frames != 1 || n < 2) return CN_OK;
     cn_path_frame *frames = calloc(n, sizeof *frames);
     if (!frames) return cn_fail(CN_ERR_NOMEM, "out of memory for %u frames", n);
     for (uint32_t i = 0; i < n; i++) {
@@ -329,13 +335,16 @@ static cn_status render_all(render_job *j)
 static cn_status parse_appearances(render_job *j)
 {
     const cn_city_render_options *o = j->options;
-    if (o->appearance && o->sequence)
-        return cn_fail(CN_ERR_USAGE, "an appearance and a sequence of them exclude each other; give one");
+    if ((o->appearance != NULL) + (o->sequence != NULL) + (o->from != NULL) > 1 || !o->from != !o->to)
+        return cn_fail(CN_ERR_USAGE, "give one of: an appearance, a sequence of them, or the first and the last");
     if (o->sequence) return cn_appearance_specs_parse(&j->specs, &j->n_specs, o->sequence, j->city, &j->m.photos);
-    j->specs = calloc(1, sizeof *j->specs);
+    j->specs = calloc(2, sizeof *j->specs);
     if (!j->specs) return cn_fail(CN_ERR_NOMEM, "out of memory");
     j->n_specs = 1;
-    return cn_appearance_spec_parse(&j->specs[0], o->appearance, j->city, &j->m.photos);
+    CN_TRY(cn_appearance_spec_parse(&j->specs[0], o->from ? o->from : o->appearance, j->city, &j->m.photos));
+    if (!o->to) return CN_OK;
+    j->n_specs = 2;
+    return cn_appearance_spec_parse(&j->specs[1], o->to, j->city, &j->m.photos);
 }
 
 static cn_status survey_all(const render_job *j, cn_render_survey *out)
