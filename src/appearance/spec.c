@@ -193,7 +193,7 @@ uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash)
     return hash;
 }
 
-void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size)
+static void describe(const cn_appearance_spec *spec, char *out, size_t size)
 {
     char from[600], to[600];
     switch (spec->kind) {
@@ -202,13 +202,13 @@ void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size
     case CN_APPEARANCE_MIX:
         snprintf(from, sizeof from, "%s", spec->a);
         snprintf(to, sizeof to, "%s", spec->b);
-        if (spec->first) cn_appearance_spec_describe(spec->first, from, sizeof from);
-        if (spec->second) cn_appearance_spec_describe(spec->second, to, sizeof to);
+        if (spec->first) describe(spec->first, from, sizeof from);
+        if (spec->second) describe(spec->second, to, sizeof to);
         cn_print(out, size, "%s:%s:%.6g", from, to, spec->t);
         break;
     case CN_APPEARANCE_BETWEEN:
-        cn_appearance_spec_describe(spec->from, from, sizeof from);
-        cn_appearance_spec_describe(spec->to, to, sizeof to);
+        describe(spec->from, from, sizeof from);
+        describe(spec->to, to, sizeof to);
         if (spec->t > 0 && spec->from != spec->to)
             cn_print(out, size, "%s:%s:%.6g", from, to, spec->t);
         else
@@ -219,6 +219,12 @@ void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size
     case CN_APPEARANCE_FIT_LEFT:
     case CN_APPEARANCE_FILE: snprintf(out, size, "%s", spec->a); break;
     }
+}
+
+void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size)
+{
+    describe(spec, out, size);
+    (void)cn_json_make_utf8(out);
 }
 
 void cn_appearance_specs_free(cn_appearance_spec *specs, uint32_t n)

@@ -189,6 +189,18 @@ static void test_sequences(void **state)
     assert_int_equal(n, 0);
 }
 
+/* JSON, and the metadata of pictures and meshes, must be UTF-8; paths need not be. A text that is cut, too. */
+static void test_descriptions_are_utf8(void **state)
+{
+    (void)state;
+    const cn_appearance_spec spec = { .kind = CN_APPEARANCE_FILE, .a = "caf\xe9/\xc3\xa9t\xc3\xa9.json" };
+    char text[640];
+    cn_appearance_spec_describe(&spec, text, sizeof text);
+    assert_string_equal(text, "caf?/\xc3\xa9t\xc3\xa9.json");
+    cn_appearance_spec_describe(&spec, text, 7);
+    assert_string_equal(text, "caf?/?");
+}
+
 /* A photo with a comma in its name, alone, in a mix, and beside photos that the parts of its name name. */
 static void test_sequences_of_names_with_commas(void **state)
 {
@@ -228,6 +240,7 @@ int main(void)
         cmocka_unit_test(test_imported_names),
         cmocka_unit_test(test_sequences),
         cmocka_unit_test(test_sequences_of_names_with_commas),
+        cmocka_unit_test(test_descriptions_are_utf8),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }
