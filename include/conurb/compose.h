@@ -77,13 +77,17 @@ CN_API void cn_compose_see(cn_compose_choice *choice, const double *visibility, 
 /* Whether the choice depends on visibility, so that cn_compose_see must be called. */
 CN_API bool cn_compose_wants_visibility(const cn_compose_choice *choice, const cn_compose_options *options);
 
-/* A weighted sum of pictures of one size. Premultiplied colour and alpha are weighted by weight; depth by weight times
- * alpha, where there is depth. */
+/* A weighted sum of pictures of one size. Where a picture is transparent, its tile holds nothing, and says nothing of
+ * what others hold: a picture's share of a pixel is its weight times its alpha. Colours are mixed by share, and so are
+ * depths, of the pictures that have one. Alpha is that of the surest pictures; where they have less than a fifth of the
+ * weight, it falls to the mean by weight, so that a picture of weight 0 changes nothing. Pictures that agree come out
+ * as they are. */
 typedef struct cn_compose_sum {
-    cn_picture *out;                                           /* borrowed */
-    float *log_scale, *weight, *depth_weight, *second, *first; /* one value per pixel */
+    cn_picture *out; /* borrowed */
+    /* one value per pixel */
+    float *log_scale, *weight, *depth_weight, *second, *first, *surest, *sure_weight, *sure_square;
     /* NULL, or a buffer of the caller, set after init: per pixel the index (in order of addition) of the picture with
-     * the largest weight */
+     * the largest share; unchanged where all are transparent */
     uint32_t *heaviest;
     uint32_t n; /* pictures so far */
 } cn_compose_sum;
@@ -104,9 +108,12 @@ typedef struct cn_compose_distance {
  * the calling thread works. */
 CN_API void cn_compose_add_3d(const cn_context *ctx, cn_compose_sum *sum, const cn_picture *picture,
                               const cn_compose_distance *distance);
-/* Divides the sums by the weights, and multiplies colour and alpha by coverage. border: NULL, or height * width
- * floats: per pixel the second largest share, 0 to 0.5. */
-CN_API void cn_compose_finish(cn_compose_sum *sum, double coverage, float *border);
+/* Divides the sums by the weights. border: NULL, or height * width floats: per pixel the second largest share, 0 to
+ * 0.5. */
+CN_API void cn_compose_finish(cn_compose_sum *sum, float *border);
+/* Multiplies the colour and alpha of a whole picture by coverage (0 to 1, cn_compose_choice) and notes it in
+ * picture->fade, so that cn_compose_unseen does not take what fades for unseen. */
+CN_API void cn_compose_fade(cn_picture *picture, double coverage);
 
 /* What a picture shows where the tiles hold nothing (alpha below 1). FILL: the surrounding colours, interpolated by
  * push-pull over an image pyramid (Gortler et al. 1996, "The Lumigraph"). NEUTRAL: the same for holes up to a
@@ -114,8 +121,9 @@ CN_API void cn_compose_finish(cn_compose_sum *sum, double coverage, float *borde
 typedef enum cn_unseen { CN_UNSEEN_FILL, CN_UNSEEN_NEUTRAL, CN_UNSEEN_BLACK } cn_unseen;
 /* Fills a picture in place: colour and alpha change, depth does not. depth may be NULL; with it a hole in the ground
  * just below the horizon is filled whole, where it has a tinge of sky. Every pixel becomes opaque, except with
- * CN_UNSEEN_BLACK and where there is no colour to fill from. Meant for pictures that people look at; compositing needs
- * the alpha as it was. CN_ERR_NOMEM: the picture has not changed. */
+ * CN_UNSEEN_BLACK and where there is no colour to fill from. A picture with picture->fade is filled as it was before it
+ * faded, and the result fades towards black. One with picture->wraps has no edge at its left and right. Meant for
+ * pictures that people look at; compositing needs the alpha as it was. CN_ERR_NOMEM: the picture has not changed. */
 CN_API CN_NODISCARD cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen);
 
 /* ---- appearance alignment between tiles ----

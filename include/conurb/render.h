@@ -15,6 +15,9 @@ typedef struct cn_picture {
     uint32_t width, height;
     float *rgba;  /* height * width * 4, rows top down */
     float *depth; /* height * width */
+    float fade;   /* 0 to 1: colour and alpha are multiplied by 1 - fade (cn_compose_fade); 0: by nothing */
+    bool wraps;   /* of all directions: the last column lies beside the first. For cn_compose_unseen; a picture's owner
+                     sets it, and so does a renderer (conurb/renderer.h) */
 } cn_picture;
 CN_API CN_NODISCARD cn_status cn_picture_init(cn_picture *picture, uint32_t width, uint32_t height); /* zeroed */
 CN_API void cn_picture_deinit(cn_picture *picture);

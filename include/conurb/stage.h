@@ -51,7 +51,9 @@ typedef struct cn_city_render_options {
     double height_m;         /* metres above the ground, for streets and tracks on the ground; 0: from the file */
     const char *out;         /* folder to write to; NULL: CITY/renders/NAME */
     const char *appearance;  /* PHOTO | mean | A:B:0.3 | A:B:0.3:C:0.2 | FILE.json | fit:PHOTO; NULL: mean */
-    const char *sequence;    /* instead of appearance: "A,B,C", from one to the next along the frames */
+    const char *sequence;    /* instead of appearance: "A,B,C", from one to the next along the frames; a name may have
+                                a comma: the longest piece that is an appearance is one */
+    const char *from, *to;   /* instead of both: from one appearance to another along the frames; give both or none */
     const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;
     const char *blend;           /* a name of cn_blend_parse; NULL: from city.yaml */
@@ -61,7 +63,8 @@ typedef struct cn_city_render_options {
     uint32_t chunk, n_chunks; /* render only part `chunk` (from 1) of n_chunks parts; n_chunks 0: all frames */
 } cn_city_render_options;
 /* Renders frames as EXR and PNG; two or more also as a film. Frames that are done already, with the same tiles, view
- * and appearance, are kept. CN_ERR_LOCKED: another process is rendering the same frames. */
+ * and appearance, are kept. Frames that an earlier, longer render left in the folder are removed. CN_ERR_LOCKED:
+ * another process is rendering the same frames. */
 CN_API CN_NODISCARD cn_status cn_city_render(const cn_context *ctx, cn_city *city,
                                              const cn_city_render_options *options);
 /* Which frames of a render are done and valid. done[n_frames] is owned by the survey. */

@@ -1,31 +1,29 @@
 #include "render_options.h"
 
-#include <stdio.h>
-
 typedef struct options {
     cn_city_render_options render;
-    const char *from, *to;
     double width, frames;
 } options;
 
-static const cn_app_option table[] = { { "from", "A", "the first light", CN_APP_TEXT, offsetof(options, from), NULL },
-                                       { "to", "B", "the last light", CN_APP_TEXT, offsetof(options, to), NULL },
-                                       { "sequence", "A,B,C", "instead of --from and --to: one light after another",
-                                         CN_APP_TEXT, offsetof(options, render.sequence), NULL },
-                                       { "photo", "NAME", "keep the camera at the view of this photo", CN_APP_TEXT,
-                                         offsetof(options, render.photo), NULL },
-                                       CN_OPTION_PATH,
-                                       CN_OPTION_ORBIT,
-                                       CN_OPTION_HEIGHT,
-                                       CN_OPTION_CAMERA,
-                                       CN_OPTION_VIEW,
-                                       CN_OPTION_LOOK,
-                                       CN_OPTION_EXPOSURE,
-                                       CN_OPTION_WIDTH,
-                                       { "frames", "N", "number of pictures; by default 48", CN_APP_NUMBER,
-                                         offsetof(options, frames), NULL },
-                                       CN_OPTION_OUT,
-                                       { 0 } };
+static const cn_app_option table[] = {
+    { "from", "A", "the first light", CN_APP_TEXT, offsetof(options, render.from), NULL },
+    { "to", "B", "the last light", CN_APP_TEXT, offsetof(options, render.to), NULL },
+    { "sequence", "A,B,C", "instead of --from and --to: one light after another", CN_APP_TEXT,
+      offsetof(options, render.sequence), NULL },
+    { "photo", "NAME", "keep the camera at the view of this photo", CN_APP_TEXT, offsetof(options, render.photo),
+      NULL },
+    CN_OPTION_PATH,
+    CN_OPTION_ORBIT,
+    CN_OPTION_HEIGHT,
+    CN_OPTION_CAMERA,
+    CN_OPTION_VIEW,
+    CN_OPTION_LOOK,
+    CN_OPTION_EXPOSURE,
+    CN_OPTION_WIDTH,
+    { "frames", "N", "number of pictures; by default 48", CN_APP_NUMBER, offsetof(options, frames), NULL },
+    CN_OPTION_OUT,
+    { 0 }
+};
 
 static cn_status run_relight(const cn_context *ctx, const cn_app_call *call)
 {
@@ -33,14 +31,8 @@ static cn_status run_relight(const cn_context *ctx, const cn_app_call *call)
     cn_city_render_options render = o->render;
     if (o->width < 0 || o->width > 16384 || o->frames < 2 || o->frames > 1e6)
         return cn_fail(CN_ERR_USAGE, "--width: give 0 to 16384 pixels; --frames: give 2 to 1000000");
-    if ((o->from && o->to) == (render.sequence != NULL))
+    if (!render.from != !render.to || (render.from != NULL) == (render.sequence != NULL))
         return cn_fail(CN_ERR_USAGE, "give --from A --to B, or --sequence A,B,C");
-    char pair[1024];
-    if (!render.sequence) {
-        const int n = snprintf(pair, sizeof pair, "%s,%s", o->from, o->to);
-        if (n < 0 || (size_t)n >= sizeof pair) return cn_fail(CN_ERR_USAGE, "--from and --to are too long");
-        render.sequence = pair;
-    }
     render.width_px = (uint32_t)o->width;
     render.n_frames = (uint32_t)o->frames;
     cn_city *city;

@@ -193,7 +193,7 @@ uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash)
     return hash;
 }
 
-void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size)
+static void describe(const cn_appearance_spec *spec, char *out, size_t size)
 {
     char from[600], to[600];
     switch (spec->kind) {
@@ -202,13 +202,13 @@ void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size
     case CN_APPEARANCE_MIX:
         snprintf(from, sizeof from, "%s", spec->a);
         snprintf(to, sizeof to, "%s", spec->b);
-        if (spec->first) cn_appearance_spec_describe(spec->first, from, sizeof from);
-        if (spec->second) cn_appearance_spec_describe(spec->second, to, sizeof to);
+        if (spec->first) describe(spec->first, from, sizeof from);
+        if (spec->second) describe(spec->second, to, sizeof to);
         cn_print(out, size, "%s:%s:%.6g", from, to, spec->t);
         break;
     case CN_APPEARANCE_BETWEEN:
-        cn_appearance_spec_describe(spec->from, from, sizeof from);
-        cn_appearance_spec_describe(spec->to, to, sizeof to);
+        describe(spec->from, from, sizeof from);
+        describe(spec->to, to, sizeof to);
         if (spec->t > 0 && spec->from != spec->to)
             cn_print(out, size, "%s:%s:%.6g", from, to, spec->t);
         else
@@ -221,11 +221,40 @@ void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size
     }
 }
 
+void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size)
+{
+    describe(spec, out, size);
+    (void)cn_json_make_utf8(out);
+}
+
 void cn_appearance_specs_free(cn_appearance_spec *specs, uint32_t n)
 {
     for (uint32_t i = 0; specs && i < n; i++)
         cn_appearance_spec_deinit(&specs[i]);
     free(specs);
+}
+
+/* Parses the longest piece up to a comma that is an appearance: names may have commas. *rest: after the piece's comma,
+ * or NULL at the end. */
+static cn_status parse_piece(cn_appearance_spec *spec, char **rest, const cn_city *city, const cn_photo_index *photos)
+{
+    char *text = *rest, *comma = text + strlen(text);
+    *rest = NULL;
+    cn_status status = cn_appearance_spec_parse(spec, text, city, photos);
+    while (status != CN_OK && status != CN_ERR_NOMEM) {
+        const char end = *comma;
+        *comma = '\0';
+        char *shorter = strrchr(text, ',');
+        *comma = end;
+        if (!shorter) break;
+        *shorter = '\0';
+        cn_appearance_spec_deinit(spec);
+        status = cn_appearance_spec_parse(spec, text, city, photos);
+        *shorter = ',';
+        comma = shorter;
+        *rest = shorter + 1;
+    }
+    return status;
 }
 
 cn_status cn_appearance_specs_parse(cn_appearance_spec **specs, uint32_t *n, const char *text, const cn_city *city,
@@ -238,8 +267,8 @@ cn_status cn_appearance_specs_parse(cn_appearance_spec **specs, uint32_t *n, con
     *specs = calloc(most, sizeof **specs);
     char *copy = strdup(text);
     cn_status status = *specs && copy ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
-    for (char *rest = copy, *word; status == CN_OK && (word = strsep(&rest, ",")) != NULL;)
-        status = cn_appearance_spec_parse(&(*specs)[(*n)++], word, city, photos);
+    for (char *rest = copy; status == CN_OK && rest;)
+        status = parse_piece(&(*specs)[(*n)++], &rest, city, photos);
     free(copy);
     if (status != CN_OK) {
         cn_appearance_specs_free(*specs, *n);

@@ -40,9 +40,10 @@ CN_NODISCARD cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const 
 void cn_appearance_spec_deinit(cn_appearance_spec *spec);
 /* A hash of everything that the appearance depends on, except the tiles. */
 uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash);
-/* The text as on the command line, for a render's metadata. */
+/* The text as on the command line, for metadata: UTF-8, with '?' for each byte of a path that is none. */
 void cn_appearance_spec_describe(const cn_appearance_spec *spec, char *out, size_t size);
-/* Parses a sequence "A,B,C" of appearances. The caller frees it with cn_appearance_specs_free. */
+/* Parses a sequence "A,B,C" of appearances. A name may have a comma: the longest piece that is an appearance is one.
+ * The caller frees it with cn_appearance_specs_free. */
 CN_NODISCARD cn_status cn_appearance_specs_parse(cn_appearance_spec **specs, uint32_t *n, const char *text,
                                                  const cn_city *city, const cn_photo_index *photos);
 void cn_appearance_specs_free(cn_appearance_spec *specs, uint32_t n);

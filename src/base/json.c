@@ -159,3 +159,21 @@ json_t *cn_json_reals(const double *values, size_t n)
     }
     return array;
 }
+
+bool cn_json_make_utf8(char *text)
+{
+    bool good = true;
+    for (unsigned char *p = (unsigned char *)text; *p;) {
+        const int more = *p < 0x80 ? 0 : *p < 0xc2 ? -1 : *p < 0xe0 ? 1 : *p < 0xf0 ? 2 : *p < 0xf5 ? 3 : -1;
+        int n = 0;
+        while (n < more && (p[n + 1] & 0xc0) == 0x80)
+            n++;
+        const bool overlong = (*p == 0xe0 && p[1] < 0xa0) || (*p == 0xf0 && p[1] < 0x90);
+        const bool outside = (*p == 0xed && p[1] >= 0xa0) || (*p == 0xf4 && p[1] >= 0x90);
+        const bool whole = n == more && !overlong && !outside;
+        if (!whole) *p = '?';
+        good = good && whole;
+        p += whole ? n + 1 : 1;
+    }
+    return good;
+}

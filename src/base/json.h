@@ -21,4 +21,6 @@ CN_NODISCARD cn_status cn_json_number_or(const json_t *object, const char *where
 /* A real, or null for NaN and infinities (JSON has none). */
 json_t *cn_json_real(double value);
 json_t *cn_json_reals(const double *values, size_t n);
+/* Replaces bytes that are not UTF-8 by '?', in place, because JSON must be UTF-8. True when there were none. */
+bool cn_json_make_utf8(char *text);
 #endif

@@ -12,6 +12,7 @@
 typedef struct level {
     uint32_t width, height;
     float *rgba;
+    bool wraps; /* as the picture does */
 } level;
 enum { MAX_LEVELS = 17, /* enough for a side of 65,535 pixels */ SMALL = 30 };
 #define GREY 0.18f
@@ -20,10 +21,10 @@ enum { MAX_LEVELS = 17, /* enough for a side of 65,535 pixels */ SMALL = 30 };
 static size_t place_levels(const cn_picture *picture, uint32_t least, level levels[MAX_LEVELS], uint32_t *n)
 {
     size_t floats = 0;
-    levels[0] = (level){ picture->width, picture->height, picture->rgba };
+    levels[0] = (level){ picture->width, picture->height, picture->rgba, picture->wraps };
     for (*n = 1; levels[*n - 1].width > least || levels[*n - 1].height > least; ++*n) {
         const level *finer = &levels[*n - 1];
-        levels[*n] = (level){ (finer->width + 1) / 2, (finer->height + 1) / 2, NULL };
+        levels[*n] = (level){ (finer->width + 1) / 2, (finer->height + 1) / 2, NULL, picture->wraps };
         floats += (size_t)levels[*n].width * levels[*n].height * 4;
     }
     return floats;
@@ -65,7 +66,8 @@ static void pull(const level *from, bool is_picture, const cn_picture *without_s
         for (uint32_t x = 0; x < to->width; x++) {
             float sum[4] = { 0 };
             for (uint32_t k = 0; k < 4; k++) {
-                const uint32_t fx = 2 * x + k % 2, fy = 2 * y + k / 2;
+                /* Of an odd width, the last coarse pixel lies over the seam. */
+                const uint32_t over = 2 * x + k % 2, fx = from->wraps ? over % from->width : over, fy = 2 * y + k / 2;
                 if (fx >= from->width || fy >= from->height) continue;
                 const size_t at = (size_t)fy * from->width + fx;
                 const float *in = from->rgba + 4 * at;
@@ -82,9 +84,11 @@ static void pull(const level *from, bool is_picture, const cn_picture *without_s
         }
 }
 
-/* The value of the coarser level at the centre of a finer pixel. Bilinear weights: 9, 3, 3 and 1 of 16. */
-static void sample(const level *coarse, uint32_t x, uint32_t y, float out[4])
+/* The value of the coarser level at the centre of a finer pixel. Bilinear weights: 9, 3, 3 and 1 of 16. Behind the
+ * seam of an odd width, the centres of two coarse pixels are equally near. */
+static void sample(const level *coarse, const level *fine, uint32_t x, uint32_t y, float out[4])
 {
+    const float side = fine->wraps && x == 0 && fine->width % 2 ? 0.5f : 0.25f;
     const int64_t at[2] = { x / 2, y / 2 },
                   beside[2] = { x % 2 ? at[0] + 1 : at[0] - 1, y % 2 ? at[1] + 1 : at[1] - 1 };
     for (int c = 0; c < 4; c++)
@@ -92,9 +96,10 @@ static void sample(const level *coarse, uint32_t x, uint32_t y, float out[4])
     for (int k = 0; k < 4; k++) {
         const int64_t last[2] = { (int64_t)coarse->width - 1, (int64_t)coarse->height - 1 };
         int64_t p[2] = { k % 2 ? beside[0] : at[0], k / 2 ? beside[1] : at[1] };
+        if (coarse->wraps) p[0] = (p[0] + coarse->width) % coarse->width;
         for (int a = 0; a < 2; a++)
             p[a] = p[a] < 0 ? 0 : p[a] > last[a] ? last[a] : p[a];
-        const float weight = (k % 2 ? 0.25f : 0.75f) * (k / 2 ? 0.25f : 0.75f);
+        const float weight = (k % 2 ? side : 1 - side) * (k / 2 ? 0.25f : 0.75f);
         const float *in = coarse->rgba + 4 * ((size_t)p[1] * coarse->width + (size_t)p[0]);
         for (int c = 0; c < 4; c++)
             out[c] += weight * in[c];
@@ -107,7 +112,7 @@ static void push(const level *coarse, level *fine)
         for (uint32_t x = 0; x < fine->width; x++) {
             float *at = fine->rgba + 4 * ((size_t)y * fine->width + x), from[4];
             if (!(at[3] < 1)) continue;
-            sample(coarse, x, y, from);
+            sample(coarse, fine, x, y, from);
             if (!(from[3] > 0)) continue;
             for (int c = 0; c < 3; c++)
                 at[c] += (1 - at[3]) * from[c] / from[3];
@@ -121,9 +126,11 @@ static uint32_t neighbours(const cn_picture *p, size_t i, size_t out[8])
     const int64_t x = (int64_t)(i % p->width), y = (int64_t)(i / p->width);
     uint32_t n = 0;
     for (int64_t v = y - 1; v <= y + 1; v++)
-        for (int64_t u = x - 1; u <= x + 1; u++)
+        for (int64_t beside = x - 1; beside <= x + 1; beside++) {
+            const int64_t u = p->wraps ? (beside + p->width) % p->width : beside;
             if ((u != x || v != y) && u >= 0 && v >= 0 && u < p->width && v < p->height)
                 out[n++] = (size_t)v * p->width + (size_t)u;
+        }
     return n;
 }
 
@@ -187,14 +194,13 @@ static void clear_pinholes(cn_picture *p, uint8_t *done, uint32_t *queue)
     }
 }
 
-/* Makes the holes below the horizon transparent, and the pixels at their edges, which have a part of the tinge. */
-static cn_status clear_holes(cn_picture *p)
+/* Makes the holes below the horizon transparent, and the pixels at their edges, which have a part of the tinge. sky and
+ * queue: room for all pixels. */
+static void clear_holes(cn_picture *p, uint8_t *sky, uint32_t *queue)
 {
     const size_t n = (size_t)p->width * p->height;
-    uint8_t *sky = malloc(n + 1);
-    uint32_t *queue = malloc((n + 1) * sizeof *queue);
-    if (sky && queue) mark_sky(p, sky, queue);
-    for (size_t i = 0; sky && queue && i < n; i++) {
+    mark_sky(p, sky, queue);
+    for (size_t i = 0; i < n; i++) {
         size_t around[8];
         bool hole = !sky[i] && is_open(p, i);
         if (sky[i] || p->rgba[4 * i + 3] >= OPAQUE) continue;
@@ -202,12 +208,7 @@ static cn_status clear_holes(cn_picture *p)
             hole = !sky[around[k]] && is_open(p, around[k]);
         if (hole) memset(p->rgba + 4 * i, 0, 4 * sizeof *p->rgba);
     }
-    if (sky && queue) clear_pinholes(p, sky, queue);
-    const bool done = sky && queue;
-    free(sky);
-    free(queue);
-    return done ? CN_OK
-                : cn_fail(CN_ERR_NOMEM, "out of memory to fill a picture of %u x %u pixels", p->width, p->height);
+    clear_pinholes(p, sky, queue);
 }
 
 static void add_grey(const level *l)
@@ -221,25 +222,47 @@ static void add_grey(const level *l)
     }
 }
 
-cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen)
+static void scale(cn_picture *p, float factor)
 {
-    level levels[MAX_LEVELS];
-    uint32_t n;
-    if (unseen == CN_UNSEEN_BLACK) return CN_OK;
-    if (picture->depth) CN_TRY(clear_holes(picture));
-    const size_t floats = place_levels(picture, unseen == CN_UNSEEN_NEUTRAL ? SMALL : 1, levels, &n);
-    float *room = malloc((floats ? floats : 1) * sizeof *room), *next = room;
-    if (!room)
-        return cn_fail(CN_ERR_NOMEM, "out of memory to fill a picture of %u x %u pixels", picture->width,
-                       picture->height);
+    for (size_t i = 0; i < 4 * (size_t)p->width * p->height; i++)
+        p->rgba[i] *= factor;
+}
+
+/* room: of all levels but the picture's own. */
+static void fill(cn_picture *p, cn_unseen unseen, level *levels, uint32_t n, float *room)
+{
     for (uint32_t i = 1; i < n; i++) {
-        levels[i].rgba = next;
-        next += (size_t)levels[i].width * levels[i].height * 4;
-        pull(&levels[i - 1], i == 1, i == 1 && has_matter(picture) ? picture : NULL, &levels[i]);
+        levels[i].rgba = room;
+        room += (size_t)levels[i].width * levels[i].height * 4;
+        pull(&levels[i - 1], i == 1, i == 1 && has_matter(p) ? p : NULL, &levels[i]);
     }
     if (unseen == CN_UNSEEN_NEUTRAL) add_grey(&levels[n - 1]);
     for (uint32_t i = n - 1; i-- > 0;)
         push(&levels[i + 1], &levels[i]);
+}
+
+cn_status cn_compose_unseen(cn_picture *picture, cn_unseen unseen)
+{
+    const float coverage = 1 - picture->fade;
+    if (unseen == CN_UNSEEN_BLACK || !(coverage > 0)) return CN_OK;
+    level levels[MAX_LEVELS];
+    uint32_t n;
+    const size_t pixels = (size_t)picture->width * picture->height,
+                 floats = place_levels(picture, unseen == CN_UNSEEN_NEUTRAL ? SMALL : 1, levels, &n);
+    float *room = malloc((floats + 1) * sizeof *room);
+    uint8_t *sky = malloc(pixels + 1);
+    uint32_t *queue = malloc((pixels + 1) * sizeof *queue);
+    const bool ready = room && sky && queue;
+    if (ready) {
+        if (coverage < 1) scale(picture, 1 / coverage);
+        if (picture->depth) clear_holes(picture, sky, queue);
+        fill(picture, unseen, levels, n, room);
+        if (coverage < 1) scale(picture, coverage);
+    }
     free(room);
-    return CN_OK;
+    free(sky);
+    free(queue);
+    return ready ? CN_OK
+                 : cn_fail(CN_ERR_NOMEM, "out of memory to fill a picture of %u x %u pixels", picture->width,
+                           picture->height);
 }

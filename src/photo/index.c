@@ -4,6 +4,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/hash.h"
+#include "base/json.h"
 #include "bridge/exiv2.h"
 #include "bridge/oiio.h"
 
@@ -42,25 +43,6 @@ static const char *const other_endings[] = { ".dng", ".cr2", ".cr3", ".nef", ".a
                                              ".pef", ".srw", ".gpr", ".gif", ".jxl", ".psd", NULL };
 static const char *const film_endings[] = { ".mp4",  ".mov", ".m4v", ".avi", ".mkv",
                                             ".webm", ".mts", ".3gp", ".360", NULL };
-
-/* Replaces bytes that are not UTF-8 by '?', in place, because JSON must be UTF-8. True when there were none. */
-static bool make_utf8(char *text)
-{
-    bool good = true;
-    for (unsigned char *p = (unsigned char *)text; *p;) {
-        const int more = *p < 0x80 ? 0 : *p < 0xc2 ? -1 : *p < 0xe0 ? 1 : *p < 0xf0 ? 2 : *p < 0xf5 ? 3 : -1;
-        int n = 0;
-        while (n < more && (p[n + 1] & 0xc0) == 0x80)
-            n++;
-        const bool overlong = (*p == 0xe0 && p[1] < 0xa0) || (*p == 0xf0 && p[1] < 0x90);
-        const bool outside = (*p == 0xed && p[1] >= 0xa0) || (*p == 0xf4 && p[1] >= 0x90);
-        const bool whole = n == more && !overlong && !outside;
-        if (!whole) *p = '?';
-        good = good && whole;
-        p += whole ? n + 1 : 1;
-    }
-    return good;
-}
 
 static cn_status add_name(names *all, char *name)
 {
@@ -229,8 +211,8 @@ static cn_status read_photo(const scan *s, const char *name, cn_photo *photo, bo
     photo->camera = cn_format("%s%s%s", exif.make, *exif.make && *exif.model ? " " : "", exif.model);
     photo->mask = find_mask(s->folder, name);
     if (!photo->name || !photo->camera) return cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (!make_utf8(photo->name)) return cn_fail(CN_ERR_DATA, "%s: its name is not UTF-8; rename it", name);
-    make_utf8(photo->camera);
+    if (!cn_json_make_utf8(photo->name)) return cn_fail(CN_ERR_DATA, "%s: its name is not UTF-8; rename it", name);
+    cn_json_make_utf8(photo->camera);
     photo->orientation = (uint8_t)info.orientation;
     photo->deep = info.is_deep;
     *bad_gps = exif.has_bad_gps;
@@ -264,8 +246,8 @@ static cn_status reject(cn_photo_index *index, const char *name, const char *rea
     cn_photo_reject *r = &list[index->n_rejects++];
     *r = (cn_photo_reject){ strdup(name), strdup(reason) };
     if (!r->name || !r->reason) return cn_fail(CN_ERR_NOMEM, "out of memory while listing photos");
-    make_utf8(r->name);
-    make_utf8(r->reason);
+    cn_json_make_utf8(r->name);
+    cn_json_make_utf8(r->reason);
     return CN_OK;
 }
 
@@ -360,7 +342,7 @@ static cn_status scan_all(const cn_context *ctx, scan *s, uint32_t n, cn_photo_i
 static void tell_unread(const cn_context *ctx, unread *kind, const char *advice)
 {
     if (!kind->n) return;
-    make_utf8(kind->first);
+    cn_json_make_utf8(kind->first);
     cn_log(ctx, CN_LOG_WARN, "left out %s%s: %s", kind->first, kind->n > 1 ? " and others like it" : "", advice);
 }
 

@@ -327,7 +327,7 @@ cn_status cn_stage_eval(const cn_city *city, const cn_plan *plan, cn_stage *stag
     const cn_compose_options *o = &city->config.compose;
     uint64_t colour;
     *stage = (cn_stage){ .record = "eval/stage.json", .made = { "eval/eval.json" } };
-    CN_TRY(cn_colour_config_hash(NULL, &colour));
+    CN_TRY(cn_colour_config_hash("", &colour)); /* scores are not by $OCIO */
     add_hash(&stage->config, "the OpenColorIO config", colour);
     cn_fingerprint_add(&stage->config, "compose.scheme", "%s", cn_blend_name(o->scheme));
     cn_fingerprint_add(&stage->config, "compose.exponent", "%.9g", o->exponent);

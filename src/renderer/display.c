@@ -7,7 +7,8 @@ cn_status cn_renderer_display(const cn_colour *colour, const cn_display_transfor
                               const cn_picture *picture, float **rgb)
 {
     const size_t n = (size_t)picture->width * picture->height;
-    cn_picture shown = { picture->width, picture->height, malloc(n * 4 * sizeof(float)), picture->depth };
+    cn_picture shown = *picture;
+    shown.rgba = malloc(n * 4 * sizeof *shown.rgba);
     *rgb = NULL;
     if (!shown.rgba)
         return cn_fail(CN_ERR_NOMEM, "out of memory for a picture of %u x %u pixels", picture->width, picture->height);

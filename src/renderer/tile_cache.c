@@ -222,9 +222,11 @@ static cn_status weigh_visibility(cn_tile_cache *g, shot *s)
     return CN_OK;
 }
 
-static void empty(cn_picture *picture)
+static void empty(const cn_camera *camera, cn_picture *picture)
 {
     const size_t pixels = (size_t)picture->width * picture->height;
+    picture->fade = 0;
+    picture->wraps = camera->lens == CN_LENS_EQUIRECTANGULAR;
     memset(picture->rgba, 0, pixels * 4 * sizeof *picture->rgba);
     memset(picture->depth, 0, pixels * sizeof *picture->depth);
 }
@@ -235,7 +237,7 @@ cn_status cn_tile_cache_alone(cn_tile_cache *g, const cn_context *ctx, uint32_t 
     const cn_tile *tile;
     cn_render_options mine = *v->options;
     cn_appearance row;
-    empty(picture);
+    empty(v->camera, picture);
     CN_TRY(cn_tile_cache_tile(g, g->which[which], &tile));
     CN_TRY(row_of(g, ctx, tile, v, &row));
     mine.appearance = &row;
@@ -272,7 +274,7 @@ static cn_status view_by_tile(cn_tile_cache *g, const shot *s, cn_picture *pictu
     sum.heaviest = owner;
     for (uint32_t i = 0; i < s->choice.n && status == CN_OK; i++)
         status = add_one(g, s, i, &one, &sum);
-    if (status == CN_OK) cn_compose_finish(&sum, s->choice.coverage, s->v->border);
+    if (status == CN_OK) cn_compose_finish(&sum, s->v->border);
     if (status == CN_OK && owner) name_owners(s, picture, owner);
     cn_compose_sum_deinit(&sum);
     cn_picture_deinit(&one);
@@ -299,8 +301,6 @@ static cn_status view_as_union(cn_tile_cache *g, const shot *s, cn_picture *pict
     CN_TRY(cn_render_union(s->ctx, &(cn_union){ s->choice.n, parts }, s->v->camera, s->v->view, s->v->options,
                            &(cn_union_output){ .picture = picture, .border = s->v->border, .owner = owner }));
     const size_t n = (size_t)picture->width * picture->height;
-    for (size_t i = 0; i < 4 * n && s->choice.coverage < 1; i++)
-        picture->rgba[i] *= (float)s->choice.coverage;
     for (size_t i = 0; i < n && owner; i++)
         if (owner[i] != UINT32_MAX) owner[i] = s->choice.tile[owner[i]];
     return CN_OK;
@@ -327,13 +327,14 @@ cn_status cn_tile_cache_blend(cn_tile_cache *g, const cn_context *ctx, const cn_
     cn_compose_choose(g->n, (const double(*)[3])g->centres, g->seen_radii, centre, &g->compose, &s.choice);
     CN_TRY(weigh_visibility(g, &s));
     if (v->used) snprintf(v->used, 32, "%s", s.choice.n ? g->plan->tiles[g->which[s.choice.tile[0]]].id : "");
-    empty(picture);
+    empty(v->camera, picture);
     if (v->border) memset(v->border, 0, pixels * sizeof *v->border);
     if (v->owner) memset(v->owner, 0xff, pixels * sizeof *v->owner);
     if (!s.choice.n) {
         say_none(g, ctx, v->view);
         return CN_OK;
     }
-    if (g->compose.scheme == CN_BLEND_OWNERSHIP) return view_as_union(g, &s, picture);
-    return view_by_tile(g, &s, picture);
+    CN_TRY(g->compose.scheme == CN_BLEND_OWNERSHIP ? view_as_union(g, &s, picture) : view_by_tile(g, &s, picture));
+    cn_compose_fade(picture, s.choice.coverage);
+    return CN_OK;
 }

@@ -38,6 +38,17 @@ bool cn_aov_pngs_exist(const char *png, unsigned which)
     return there;
 }
 
+cn_status cn_aov_pngs_remove(const char *png)
+{
+    cn_status status = CN_OK;
+    for (unsigned i = 0; i < CN_AOV_COUNT && status == CN_OK; i++) {
+        char *path = cn_aov_png_path(png, i);
+        status = path ? cn_file_remove(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+        free(path);
+    }
+    return status;
+}
+
 static float shown(unsigned aov, float value, double near_m)
 {
     switch (1u << aov) {

@@ -52,10 +52,12 @@ static cn_status rows_json(desk *d, const char *text, json_t **out)
         if (status == CN_OK) json_object_set_new(tiles, cn_tile_id(tile), cn_tile_appearance_to_json(tile, &row));
     }
     cn_appearance_spec_deinit(&spec);
-    *out =
-        status == CN_OK ? json_pack("{s:i,s:s,s:o}", "version", 1, "name", text ? text : "mean", "tiles", tiles) : NULL;
+    char *name = strdup(text ? text : "mean");
+    if (name) (void)cn_json_make_utf8(name);
+    if (status == CN_OK && name) *out = json_pack("{s:i,s:s,s:O}", "version", 1, "name", name, "tiles", tiles);
     if (status == CN_OK && !*out) status = cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status != CN_OK) json_decref(tiles);
+    json_decref(tiles);
+    free(name);
     return status;
 }
 

@@ -32,7 +32,8 @@ typedef struct eval_job {
     cn_depth_truth truth;
 } eval_job;
 
-/* Converts RGBW to display RGB in place, in the first 3 * n floats; copies the weights. */
+/* Converts RGBW to display RGB in place, in the first 3 * n floats; copies the weights. By Conurb's own config,
+ * whatever $OCIO says: scores of one city can be compared, and the user's config may lack sRGB. */
 static cn_status to_display(const cn_colour *colour, float *rgbw, size_t n, float *weight)
 {
     for (size_t i = 0; weight && i < n; i++)
@@ -276,7 +277,7 @@ static cn_status score_views(eval_job *j, const char *folder, cn_eval *eval, dou
     const double started = cn_now_s();
     CN_TRY(cn_renderer_open(&j->renderer, j->ctx, j->city, j->m, folder));
     j->renderer->tiles.compose.scheme = j->blend;
-    CN_TRY(cn_colour_create(&j->colour, NULL));
+    CN_TRY(cn_colour_create(&j->colour, ""));
     for (uint32_t v = 0; v < j->m->scene.n_views; v++) {
         if (!j->held[v]) continue;
         if (cn_stopping(j->ctx)) return cn_fail(CN_ERR_INTERRUPTED, "stopped during eval; run the same command again");

@@ -48,8 +48,10 @@ static cn_status make_mesh(geometry_job *j, double cube_m, const char *depths, c
     CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->spec, true, NULL));
     CN_TRY(cn_city_survey_init(&j->survey, j->city, &j->dataset));
     CN_TRY(cn_city_surface_photos(j->ctx, &j->dataset, depths, &pixels));
-    CN_TRY(cn_colour_create(&j->colour, NULL));
+    /* Photos are matched as sRGB, as in cn_city_eval: figures depend neither on $OCIO nor on the city's view. */
+    CN_TRY(cn_colour_create(&j->colour, ""));
     j->survey.survey.colour = j->colour;
+    j->survey.survey.view = j->survey.survey.look = NULL;
     const cn_city_surface surface = {
         .renderer = j->renderer, .survey = &j->survey.survey, .appearance = &j->spec, .cube_m = cube_m, .pixels = pixels
     };

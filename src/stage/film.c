@@ -1,4 +1,5 @@
 #include "stage/film.h"
+#include "stage/old_frames.h"
 
 #include "base/file.h"
 #include "base/hash.h"
@@ -40,8 +41,9 @@ bool cn_film_done(const char *folder, uint32_t n, double fps, uint64_t key)
     size_t size;
     identity(key, n, fps, wanted);
     char *film = cn_path_join(folder, "flight.mp4"), *mark = cn_path_join(folder, "flight.mp4.json");
-    const bool done = n < 2 || (film && mark && cn_file_exists(film) && cn_file_exists(mark) &&
-                                cn_file_read(mark, 64, &have, &size) == CN_OK && strcmp(have, wanted) == 0);
+    const bool done = n < 2 ? !mark || !cn_is_render_mark(mark)
+                            : film && mark && cn_file_exists(film) && cn_file_exists(mark) &&
+                                  cn_file_read(mark, 64, &have, &size) == CN_OK && strcmp(have, wanted) == 0;
     free(have);
     free(film);
     free(mark);
@@ -54,11 +56,14 @@ cn_status cn_film_make(const cn_context *ctx, const char *folder, uint32_t n, do
     char wanted[32];
     identity(key, n, fps, wanted);
     char *film = cn_path_join(folder, "flight.mp4"), *mark = cn_path_join(folder, "flight.mp4.json");
-    cn_status status =
-        film && mark ? cn_file_remove(mark) : cn_fail(CN_ERR_NOMEM, "out of memory for the film in %s", folder);
-    if (status == CN_OK) status = encode(ctx, folder, n, fps, film);
-    if (status == CN_OK) status = cn_file_write(mark, wanted, strlen(wanted));
-    if (status == CN_OK) cn_log(ctx, CN_LOG_INFO, "film: %s", film);
+    cn_status status = film && mark ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the film in %s", folder);
+    if (status == CN_OK && cn_is_render_mark(mark)) status = cn_file_remove(film); /* it shows other frames */
+    if (status == CN_OK) status = cn_file_remove(mark);
+    if (status == CN_OK && n >= 2) {
+        status = encode(ctx, folder, n, fps, film);
+        if (status == CN_OK) status = cn_file_write(mark, wanted, strlen(wanted));
+        if (status == CN_OK) cn_log(ctx, CN_LOG_INFO, "film: %s", film);
+    }
     if (status == CN_ERR_TOOL || status == CN_ERR_DATA) {
         cn_log(ctx, CN_LOG_WARN, "no film of these frames: %s", cn_error_message());
         status = CN_OK;

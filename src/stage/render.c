@@ -3,6 +3,7 @@
 #include "renderer/renderer.h"
 #include "stage/aov_files.h"
 #include "stage/camera_path.h"
+#include "stage/old_frames.h"
 
 #include "base/clock.h"
 #include "base/file.h"
@@ -36,6 +37,12 @@ typedef struct render_job {
     uint64_t key;   /* hash of everything that a frame depends on */
 } render_job;
 
+/* Whether the light changes along the frames. */
+static bool relights(const cn_city_render_options *o)
+{
+    return o->sequence || o->from;
+}
+
 static char *out_folder(const render_job *j)
 {
     if (j->options->out) return cn_format("%s", j->options->out);
@@ -43,7 +50,7 @@ static char *out_folder(const render_job *j)
                        : j->options->orbit ? "orbit"
                        : j->options->path  ? cn_path_base(j->options->path)
                                            : "flight";
-    char *relative = cn_format("renders/%s%s", j->options->sequence ? "relit-" : "", base);
+    char *relative = cn_format("renders/%s%s", relights(j->options) ? "relit-" : "", base);
     /* The name keeps the photo's folder and extension, so that no two photos share a folder. */
     char *dot = relative && !j->options->photo ? strrchr(relative, '.') : NULL;
     if (dot && dot[-1] != '/') *dot = '\0';
@@ -137,10 +144,12 @@ static cn_status look_at_frame(const render_job *j, uint32_t i, frame_files *f)
     const cn_appearance_spec spec = cn_appearance_specs_at(j->specs, j->n_specs, i, j->path.n_frames);
     uint64_t key =
         cn_appearance_spec_hash(&spec, cn_hash_text(j->key, "%u %u", frame->camera.width, frame->camera.height));
-    if (frame->camera.lens == CN_LENS_EQUIRECTANGULAR) key = cn_hash_text(key, "equirectangular");
     if (j->options->aovs) key = cn_hash_text(key, "aovs %u", j->options->aovs);
+    key = cn_hash_text(key, "lens %d, %.17g frames a second", (int)frame->camera.lens, j->path.fps);
+    for (int a = 0; a < 8; a++)
+        key = cn_hash_text(key, "%.17g", frame->camera.params[a]);
     for (int a = 0; a < 3; a++)
-        key = cn_hash_text(key, "%.17g %.17g", frame->view.translation[a], frame->camera.params[a]);
+        key = cn_hash_text(key, "%.17g", frame->view.translation[a]);
     for (int a = 0; a < 9; a++)
         key = cn_hash_text(key, "%.17g", frame->view.rotation[a]);
     *f = (frame_files){ cn_format("%s/%05u.exr", j->out, i), cn_format("%s/%05u.png", j->out, i),
@@ -166,7 +175,9 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
     char appearance[640], stem[16];
     cn_appearance_spec_describe(&spec, appearance, sizeof appearance);
     frame_pictures made = { 0 };
-    CN_TRY(cn_file_remove(f->mark)); /* it belongs to the old pictures */
+    /* The marker and the channels belong to the old pictures. */
+    if (cn_is_render_mark(f->mark)) CN_TRY(cn_aov_pngs_remove(f->png));
+    CN_TRY(cn_file_remove(f->mark));
     snprintf(stem, sizeof stem, "%05u", i);
     CN_TRY(cn_folder_sweep(j->out, stem, 0)); /* this process holds the chunk's lock, so their writer is dead */
     CN_TRY(cn_picture_init(&made.picture, frame->camera.width, frame->camera.height));
@@ -189,7 +200,7 @@ static cn_status make_frame(render_job *j, uint32_t i, const frame_files *f)
 static cn_status hold_view(render_job *j)
 {
     const uint32_t n = j->options->n_frames ? j->options->n_frames : j->city->config.render_frames;
-    if (!j->options->sequence || j->path.n_frames != 1 || n < 2) return CN_OK;
+    if (!relights(j->options) || j->path.n_frames != 1 || n < 2) return CN_OK;
     cn_path_frame *frames = calloc(n, sizeof *frames);
     if (!frames) return cn_fail(CN_ERR_NOMEM, "out of memory for %u frames", n);
     for (uint32_t i = 0; i < n; i++) {
@@ -284,7 +295,9 @@ static cn_status render_chunk(render_job *j, uint32_t first, uint32_t last)
     return status;
 }
 
-/* The process that renders the last missing frame makes the film. */
+/* The process that renders the last missing frame makes the film, and removes what an earlier, longer render left in
+ * the folder: a program that reads the sequence would take it for part of this flight. A LOCK is another process's by
+ * now, which may be rendering those frames. */
 static cn_status make_film(render_job *j)
 {
     uint64_t film = 0;
@@ -292,12 +305,14 @@ static cn_status make_film(render_job *j)
     cn_city_lock lock;
     CN_TRY(survey(j, 0, j->path.n_frames, NULL, &n_done, &film));
     if (n_done < j->path.n_frames) return CN_OK;
-    if (cn_film_done(j->out, j->path.n_frames, j->path.fps, film) && !left_behind(j, "LOCK.film")) return CN_OK;
+    const bool old = !left_behind(j, "LOCK") && cn_old_frames_exist(j->out, j->path.n_frames);
+    if (cn_film_done(j->out, j->path.n_frames, j->path.fps, film) && !old && !left_behind(j, "LOCK.film")) return CN_OK;
     const cn_status taken = cn_city_lock_share(&lock, j->ctx, j->out, "LOCK.film", "the film");
     if (taken == CN_ERR_LOCKED) return CN_OK;
     CN_TRY(taken);
     cn_status status = cn_folder_sweep(j->out, "flight", 0);
     if (status == CN_OK) status = cn_folder_sweep(j->out, "flight.mp4", 0);
+    if (status == CN_OK && old) status = cn_old_frames_remove(j->out, j->path.n_frames);
     if (status == CN_OK) status = cn_film_make(&lock.ctx, j->out, j->path.n_frames, j->path.fps, film);
     cn_city_lock_drop(&lock);
     return status;
@@ -320,13 +335,16 @@ static cn_status render_all(render_job *j)
 static cn_status parse_appearances(render_job *j)
 {
     const cn_city_render_options *o = j->options;
-    if (o->appearance && o->sequence)
-        return cn_fail(CN_ERR_USAGE, "an appearance and a sequence of them exclude each other; give one");
+    if ((o->appearance != NULL) + (o->sequence != NULL) + (o->from != NULL) > 1 || !o->from != !o->to)
+        return cn_fail(CN_ERR_USAGE, "give one of: an appearance, a sequence of them, or the first and the last");
     if (o->sequence) return cn_appearance_specs_parse(&j->specs, &j->n_specs, o->sequence, j->city, &j->m.photos);
-    j->specs = calloc(1, sizeof *j->specs);
+    j->specs = calloc(2, sizeof *j->specs);
     if (!j->specs) return cn_fail(CN_ERR_NOMEM, "out of memory");
     j->n_specs = 1;
-    return cn_appearance_spec_parse(&j->specs[0], o->appearance, j->city, &j->m.photos);
+    CN_TRY(cn_appearance_spec_parse(&j->specs[0], o->from ? o->from : o->appearance, j->city, &j->m.photos));
+    if (!o->to) return CN_OK;
+    j->n_specs = 2;
+    return cn_appearance_spec_parse(&j->specs[1], o->to, j->city, &j->m.photos);
 }
 
 static cn_status survey_all(const render_job *j, cn_render_survey *out)

@@ -26,7 +26,7 @@ typedef struct consistency_job {
     cn_seam seam;
 } consistency_job;
 
-/* Display-encoded, three floats a pixel. */
+/* Display-encoded, three floats a pixel; by Conurb's own config, so that figures do not depend on $OCIO. */
 static cn_status encode(const consistency_job *j, cn_picture *p)
 {
     const size_t n = (size_t)p->width * p->height;
@@ -137,7 +137,7 @@ static cn_status prepare(consistency_job *j, cn_city *city, const cn_city_render
     CN_TRY(cn_renderer_open(&j->renderer, j->ctx, city, &j->m, "tiles"));
     if (o->blend) CN_TRY(cn_blend_parse(o->blend, &j->renderer->tiles.compose.scheme));
     CN_TRY(cn_route_choose(j->ctx, city, &j->m, o, &j->path));
-    CN_TRY(cn_colour_create(&j->colour, NULL));
+    CN_TRY(cn_colour_create(&j->colour, ""));
     CN_TRY(cn_renderer_align(j->renderer, j->ctx, &j->spec, true, NULL));
     j->sums = calloc(1, sizeof *j->sums);
     j->owner = calloc((size_t)j->path.frames[0].camera.width * j->path.frames[0].camera.height, sizeof *j->owner);

@@ -55,4 +55,21 @@ echo "# changed" >>"$work/mine.ocio"
 expect 0 "" "a changed config" "$conurb" render "$work/town" --view sRGB --out "$work/own"
 [ "$(stat -c %Y.%i "$work/own/00001.png")" != "$before" ] && good ||
     bad "frames of another OpenColorIO config were kept"
+# Scores are by Conurb's own config. The user's lacks the view sRGB, or its sRGB is another encoding.
+unset OCIO
+figures() { # of a command: without the time that it took
+    "$conurb" "$@" --json 2>"$work/out" | sed 's/"render_s": [0-9.]*//'
+}
+eval_figures=$(figures eval "$work/town")
+steady_figures=$(figures steady "$work/town")
+sed 's/{name: sRGB, view_transform/{name: Film, view_transform/; s/^active_views: .*/active_views: [Film, ACES, Raw]/' \
+    "$config" >"$work/film.ocio"
+sed 's/{name: sRGB, view_transform: Plain/{name: sRGB, view_transform: ACES SDR/' "$config" >"$work/aces.ocio"
+for theirs in film aces; do
+    export OCIO=$work/$theirs.ocio
+    [ -n "$eval_figures" ] && [ "$(figures eval "$work/town")" = "$eval_figures" ] && good ||
+        bad "scores depend on OCIO ($theirs)"
+    [ -n "$steady_figures" ] && [ "$(figures steady "$work/town")" = "$steady_figures" ] && good ||
+        bad "the figures of steady depend on OCIO ($theirs)"
+done
 finish

@@ -35,6 +35,13 @@ for light in day night; do
     psnr=$("$pictures" psnr "$work/relit/$frame.png" "$demo/$light.png")
     awk -v psnr="$psnr" 'BEGIN { exit !(psnr > 40) }' && good || bad "the view by $light is $psnr dB from what it was"
 done
+# A light's name may have a comma.
+echo '{"tiles": {}}' >"$work/mean,1.json" # no rows: every tile in its mean light
+expect 0 "2 frames" "relighting to a file with a comma" "$conurb" relight "$work/demo" --photo "$view" --from "$day" \
+    --to "$work/mean,1.json" --frames 2 --out "$work/comma"
+expect 0 "3 frames" "a sequence with a comma in a name" "$conurb" relight "$work/demo" --photo "$view" \
+    --sequence "$day,$work/mean,1.json,mean" --frames 3 --width 48 --out "$work/sequence"
+expect 2 "give --from A --to B" "no last light" "$conurb" relight "$work/demo" --from "$day"
 # Commands that need the photos say so.
 expect 4 "pixels.bin" "evaluation without photos" "$conurb" eval "$work/demo"
 finish

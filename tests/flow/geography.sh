@@ -39,6 +39,12 @@ expect 0 "more than the 4 asked for" "a mesh of too few triangles" "$conurb" exp
     --mesh "$work/few.ply" --gsd 0.05 --triangles 4
 expect 0 "Chamfer distance 0.000 m" "a mesh against itself" \
     "$conurb" eval "$work/town" --geometry "$work/m.ply" --gsd 0.05
+# Figures of the surface are by Conurb's own OpenColorIO config: the user's lacks the view that the city asks for.
+sed 's/{name: sRGB, view_transform/{name: Film, view_transform/; s/^active_views: .*/active_views: [Film, ACES, Raw]/' \
+    "$(dirname "${BASH_SOURCE[0]}")/../../src/colour/config.ocio" >"$work/film.ocio"
+sed -i 's/^render:/render:\n  view: sRGB/' "$work/town/city.yaml"
+expect 0 "Chamfer distance 0.000 m" "a mesh against itself, with another OpenColorIO config" \
+    env OCIO="$work/film.ocio" "$conurb" eval "$work/town" --geometry "$work/m.ply" --gsd 0.05
 [ -s "$work/town/eval/geometry.json" ] && good || bad "eval/geometry.json is missing"
 expect 4 "sparse points" "no sparse points to compare with" "$conurb" eval "$work/town" --geometry points --gsd 0.05
 expect 6 "nothing.ply" "a reference that is not there" "$conurb" eval "$work/town" --geometry "$work/nothing.ply"

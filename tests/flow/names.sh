@@ -41,6 +41,12 @@ done
 [ "$(find "$town/renders" -mindepth 2 -name '00000.png' -not -path '*/flight/*' | wc -l)" = 2 ] && good ||
     bad "two views share a folder"
 
+# A light's file whose path is not UTF-8, which JSON must be.
+light=$work/caf$'\351'.json
+expect 0 '"tiles"' "a light as JSON" "$conurb" appearance "$town" show mean
+"$conurb" appearance "$town" show mean >"$light" 2>/dev/null
+expect 0 'caf?.json' "a light's file that is not UTF-8" "$conurb" appearance "$town" show "$light"
+
 mkdir "$work/my cities"
 mv "$town" "$work/my cities/old 'town' #1 50%"
 town="$work/my cities/old 'town' #1 50%"

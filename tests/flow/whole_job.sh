@@ -33,6 +33,30 @@ cat >"$work/path.json" <<'JSON'
 JSON
 expect 0 "frames in" "a path of keyframes" "$conurb" render "$work/town" --path "$work/path.json" --out "$work/path"
 [ -s "$work/path/flight.mp4" ] && good || bad "a path's film is missing"
+# At another frame rate the same pictures say so.
+if command -v oiiotool >/dev/null; then
+    for fps in 2 4; do
+        sed -i "s/\"fps\": [0-9]*/\"fps\": $fps/" "$work/path.json"
+        expect 0 "3 frames" "$fps frames a second" "$conurb" render "$work/town" --path "$work/path.json" --frames 3 \
+            --out "$work/rate"
+        oiiotool --info -v "$work/rate/00001.exr" | grep -q "frames_per_second: $fps" && good ||
+            bad "an EXR does not say $fps frames a second"
+    done
+fi
+# A shorter flight in the folder of a longer one leaves none of its frames, and nothing that is not Conurb's goes.
+sequence() { "$conurb" render "$work/town" --path "$work/path.json" --out "$work/shorter" "$@"; }
+expect 0 "6 frames" "a long flight" sequence --frames 6 --aov normal
+echo '{"note": "of a person"}' >"$work/shorter/00007.json"
+cp "$work/shorter/00005.exr" "$work/shorter/00007.exr"
+cp "$work/shorter/00005.exr" "$work/shorter/00008.exr"
+expect 0 "3 frames" "a shorter flight" sequence --frames 3
+[ "$(cd "$work/shorter" && ls | tr '\n' ' ')" = "00000.exr 00000.json 00000.png 00001.exr 00001.json \
+00001.png 00002.exr 00002.json 00002.png 00007.exr 00007.json 00008.exr flight.mp4 flight.mp4.json " ] && good ||
+    bad "a shorter flight leaves $(ls "$work/shorter" | tr '\n' ' ')"
+expect 0 "1 frames" "a single frame" sequence --frames 1
+[ -e "$work/shorter/00000.png" ] && [ ! -e "$work/shorter/00001.png" ] && [ ! -e "$work/shorter/flight.mp4" ] &&
+    [ ! -e "$work/shorter/flight.mp4.json" ] && [ -e "$work/shorter/00007.exr" ] && good ||
+    bad "a single frame leaves $(ls "$work/shorter" | tr '\n' ' ')"
 echo '{"fps": 2, "keyframes": [{"time_s": 0, "lat": 95}]}' >"$work/bad.json"
 expect 5 "bad.json" "a path that makes no sense" "$conurb" render "$work/town" --path "$work/bad.json"
 # Without held-out photos there is no score, and no number is printed.

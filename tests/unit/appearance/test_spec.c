@@ -189,6 +189,47 @@ static void test_sequences(void **state)
     assert_int_equal(n, 0);
 }
 
+/* JSON, and the metadata of pictures and meshes, must be UTF-8; paths need not be. A text that is cut, too. */
+static void test_descriptions_are_utf8(void **state)
+{
+    (void)state;
+    const cn_appearance_spec spec = { .kind = CN_APPEARANCE_FILE, .a = "caf\xe9/\xc3\xa9t\xc3\xa9.json" };
+    char text[640];
+    cn_appearance_spec_describe(&spec, text, sizeof text);
+    assert_string_equal(text, "caf?/\xc3\xa9t\xc3\xa9.json");
+    cn_appearance_spec_describe(&spec, text, 7);
+    assert_string_equal(text, "caf?/?");
+}
+
+/* A photo with a comma in its name, alone, in a mix, and beside photos that the parts of its name name. */
+static void test_sequences_of_names_with_commas(void **state)
+{
+    (void)state;
+    static cn_photo odd[3] = { { .name = "noon.jpg" }, { .name = "noon.jpg,2.jpg" }, { .name = "2.jpg" } };
+    static const cn_photo_index index = { .photos = odd, .n_photos = 3 };
+    static const char *const sequences[] = { "noon.jpg,2.jpg,noon.jpg", "mean,noon.jpg,2.jpg",
+                                             "fit:noon.jpg,2.jpg,noon.jpg,2.jpg:mean:0.3", "2.jpg,noon.jpg" };
+    static const char *const first[] = { "noon.jpg,2.jpg", "mean", "fit:noon.jpg,2.jpg", "2.jpg" };
+    static const char *const second[] = { "noon.jpg", "noon.jpg,2.jpg", "noon.jpg,2.jpg:mean:0.3", "noon.jpg" };
+    for (size_t i = 0; i < sizeof sequences / sizeof *sequences; i++) {
+        cn_appearance_spec *specs;
+        uint32_t n;
+        char text[640];
+        assert_int_equal(cn_appearance_specs_parse(&specs, &n, sequences[i], &city, &index), CN_OK);
+        assert_int_equal(n, 2);
+        cn_appearance_spec_describe(&specs[0], text, sizeof text);
+        assert_string_equal(text, first[i]);
+        cn_appearance_spec_describe(&specs[1], text, sizeof text);
+        assert_string_equal(text, second[i]);
+        cn_appearance_specs_free(specs, n);
+    }
+    cn_appearance_spec *specs;
+    uint32_t n;
+    assert_int_equal(cn_appearance_specs_parse(&specs, &n, "noon.jpg,2.jpg,", &city, &index), CN_ERR_USAGE);
+    assert_int_equal(cn_appearance_specs_parse(&specs, &n, "noon.jpg,night.jpg,2.jpg", &city, &index), CN_ERR_USAGE);
+    assert_non_null(strstr(cn_error_message(), "'night.jpg'"));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -198,6 +239,8 @@ int main(void)
         cmocka_unit_test(test_nonsense),
         cmocka_unit_test(test_imported_names),
         cmocka_unit_test(test_sequences),
+        cmocka_unit_test(test_sequences_of_names_with_commas),
+        cmocka_unit_test(test_descriptions_are_utf8),
     };
     return cmocka_run_group_tests(tests, make, unmake);
 }

@@ -244,13 +244,13 @@ typedef struct two {
 } two;
 static void two_init(two *t)
 {
-    t->a = (cn_picture){ 2, 1, t->a_rgba, t->a_depth };
-    t->b = (cn_picture){ 2, 1, t->b_rgba, t->b_depth };
-    t->out = (cn_picture){ 2, 1, t->rgba, t->depth };
+    t->a = (cn_picture){ .width = 2, .height = 1, .rgba = t->a_rgba, .depth = t->a_depth };
+    t->b = (cn_picture){ .width = 2, .height = 1, .rgba = t->b_rgba, .depth = t->b_depth };
+    t->out = (cn_picture){ .width = 2, .height = 1, .rgba = t->rgba, .depth = t->depth };
     assert_int_equal(cn_compose_sum_init(&t->sum, &t->out), CN_OK);
 }
 
-static void adds_colour_and_weighs_depth_by_alpha(void **state)
+static void mixes_colour_and_depth_by_weight_and_alpha(void **state)
 {
     (void)state;
     two t = { .a_rgba = { 0.5f, 0.25f, 0, 0.5f },
@@ -263,14 +263,15 @@ static void adds_colour_and_weighs_depth_by_alpha(void **state)
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 0.5);
     cn_compose_add(&t.sum, &t.b, 0.5);
-    cn_compose_finish(&t.sum, 1, border);
-    const float want[4] = { 0.75f, 0.625f, 0.5f, 0.75f };
+    cn_compose_finish(&t.sum, border);
+    const double alpha = (pow(0.5, 5) + 1) / (pow(0.5, 4) + 1); /* by the fourth power of alpha */
+    const double want[4] = { 1.5 / 1.5 * alpha, 1.25 / 1.5 * alpha, 1 / 1.5 * alpha, alpha };
     for (int i = 0; i < 4; i++)
         assert_near(t.rgba[i], want[i], 1e-6);
     assert_near(t.depth[0], (0.25 * 10 + 0.5 * 40) / 0.75, 1e-4);
     assert_near(t.depth[1], 0, 0); /* nothing there: no division by 0 */
     assert_near(t.rgba[7], 0, 0);
-    assert_near(border[0], 0.5, 1e-6);
+    assert_near(border[0], 0.5 / 1.5, 1e-6);
     cn_compose_sum_deinit(&t.sum);
 }
 
@@ -285,14 +286,14 @@ static void what_has_no_depth_does_not_change_it(void **state)
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 0.6);
     cn_compose_add(&t.sum, &t.b, 0.4);
-    cn_compose_finish(&t.sum, 1, NULL);
+    cn_compose_finish(&t.sum, NULL);
     assert_near(t.depth[0], 10, 1e-4);
     assert_near(t.rgba[3], 1, 1e-6);
     cn_compose_sum_deinit(&t.sum);
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 0.4); /* mostly sky */
     cn_compose_add(&t.sum, &t.b, 0.6);
-    cn_compose_finish(&t.sum, 1, NULL);
+    cn_compose_finish(&t.sum, NULL);
     assert_near(t.depth[0], 0, 0);
     cn_compose_sum_deinit(&t.sum);
 }
@@ -303,15 +304,77 @@ static void one_whole_tile_comes_out_unchanged(void **state)
     two t = { .a_rgba = { 0.1f, 0.2f, 0.3f, 0.4f }, .a_depth = { 7 } };
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 1);
-    cn_compose_finish(&t.sum, 1, NULL);
+    cn_compose_finish(&t.sum, NULL);
     assert_memory_equal(t.rgba, t.a_rgba, sizeof t.rgba);
     assert_near(t.depth[0], 7, 1e-6);
     cn_compose_sum_deinit(&t.sum);
     two_init(&t);
     cn_compose_add(&t.sum, &t.a, 1);
-    cn_compose_finish(&t.sum, 0.25, NULL); /* near the end of the reach */
+    cn_compose_finish(&t.sum, NULL);
+    cn_compose_fade(&t.out, 0.25); /* near the end of the reach */
     assert_near(t.rgba[3], 0.1, 1e-7);
+    assert_near(t.out.fade, 0.75, 0);
     assert_near(t.depth[0], 7, 1e-6);
+    cn_compose_sum_deinit(&t.sum);
+}
+
+/* A tile without a sky beside one with it, and a hole in one tile that another sees: what a tile lacks takes nothing
+ * away, and is not its own. Its haze takes nothing away either. A tile that enters with weight 0 changes nothing. */
+static void what_a_tile_lacks_takes_nothing_away(void **state)
+{
+    (void)state;
+    const double shares[] = { 0.2, 0.5, 0.98 }; /* of the tile that sees */
+    for (int k = 0; k < 3; k++)
+        for (int first = 0; first < 2; first++) {
+            two t = { .a_rgba = { 0, 0, 0, 0, 0.02f, 0.01f, 0, 0.1f },
+                      .a_depth = { 0, 3 },
+                      .b_rgba = { 0.1f, 0.2f, 0.9f, 1, 0.3f, 0.2f, 0.1f, 1 },
+                      .b_depth = { 0, 10 } };
+            uint32_t heaviest[2] = { 9, 9 };
+            float border[2];
+            two_init(&t);
+            t.sum.heaviest = heaviest;
+            cn_compose_add(&t.sum, first ? &t.a : &t.b, first ? 1 - shares[k] : shares[k]);
+            cn_compose_add(&t.sum, first ? &t.b : &t.a, first ? shares[k] : 1 - shares[k]);
+            cn_compose_finish(&t.sum, border);
+            for (int c = 0; c < 4; c++)
+                assert_near(t.rgba[c], t.b_rgba[c], 1e-6);
+            assert_true(t.rgba[7] > 0.99);
+            assert_near(t.depth[0], 0, 0);
+            assert_true(border[0] == 0 && heaviest[0] == (uint32_t)first && heaviest[1] == (uint32_t)first);
+            cn_compose_sum_deinit(&t.sum);
+        }
+    double before = 0;
+    for (int k = 0; k < 200; k++) { /* the tile that sees enters */
+        two t = { .a_rgba = { 0, 0, 0, 0, 0.1f, 0.1f, 0, 0.2f },
+                  .a_depth = { 0, 3 },
+                  .b_rgba = { 0.1f, 0.2f, 0.9f, 1, 0.3f, 0.2f, 0.1f, 1 },
+                  .b_depth = { 0, 10 } };
+        const double weight = k / 800.0;
+        two_init(&t);
+        cn_compose_add(&t.sum, &t.a, 1 - weight);
+        if (k) cn_compose_add(&t.sum, &t.b, weight);
+        cn_compose_finish(&t.sum, NULL);
+        assert_true(t.rgba[3] <= 6 * weight + 1e-6 && fabs((double)t.rgba[7] - (k ? before : 0.2)) < 0.02);
+        before = (double)t.rgba[7];
+        cn_compose_sum_deinit(&t.sum);
+    }
+    assert_true(before > 0.98);
+}
+
+/* Pictures that agree come out as they are, whatever their weights. */
+static void pictures_that_agree_stay(void **state)
+{
+    (void)state;
+    two t = { .a_rgba = { 0.1f, 0.2f, 0.3f, 0.7f, 0.1f, 0.2f, 0.3f, 1 }, .a_depth = { 7, 8 } };
+    two_init(&t);
+    cn_compose_add(&t.sum, &t.a, 0.3);
+    cn_compose_add(&t.sum, &t.a, 0.6);
+    cn_compose_add(&t.sum, &t.a, 0.1);
+    cn_compose_finish(&t.sum, NULL);
+    for (int i = 0; i < 8; i++)
+        assert_near(t.rgba[i], t.a_rgba[i], 1e-6);
+    assert_near(t.depth[0], 7, 1e-5);
     cn_compose_sum_deinit(&t.sum);
 }
 
@@ -334,7 +397,7 @@ static void three_dimensions_weigh_by_what_is_shown(void **state)
         cn_compose_add_3d(
             NULL, &t.sum, &t.b,
             &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 23 }, 1, exponents[e] }); /* 3 m off */
-        cn_compose_finish(&t.sum, 1, NULL);
+        cn_compose_finish(&t.sum, NULL);
         const double r = pow(3.0 / 4.0, exponents[e]);
         assert_near(t.rgba[0], r / (1 + r), 1e-4);
         assert_near(t.rgba[1], 1 / (1 + r), 1e-4);
@@ -347,7 +410,7 @@ static void three_dimensions_weigh_by_what_is_shown(void **state)
         NULL, &t.sum, &t.a,
         &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 10 }, 1, 64 }); /* at the centre itself */
     cn_compose_add_3d(NULL, &t.sum, &t.b, &(cn_compose_distance){ &camera, &view, (double[]){ 0, 0, 30 }, 1, 64 });
-    cn_compose_finish(&t.sum, 1, NULL);
+    cn_compose_finish(&t.sum, NULL);
     assert_near(t.rgba[0], 1, 0);
     cn_compose_sum_deinit(&t.sum);
 }
@@ -365,8 +428,10 @@ int main(void)
         cmocka_unit_test(no_step_of_a_walk_jumps),
         cmocka_unit_test(what_sees_little_is_left_out),
         cmocka_unit_test(names_and_schemes_agree),
-        cmocka_unit_test(adds_colour_and_weighs_depth_by_alpha),
+        cmocka_unit_test(mixes_colour_and_depth_by_weight_and_alpha),
         cmocka_unit_test(what_has_no_depth_does_not_change_it),
+        cmocka_unit_test(what_a_tile_lacks_takes_nothing_away),
+        cmocka_unit_test(pictures_that_agree_stay),
         cmocka_unit_test(one_whole_tile_comes_out_unchanged),
         cmocka_unit_test(three_dimensions_weigh_by_what_is_shown),
     };

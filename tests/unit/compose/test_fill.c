@@ -167,6 +167,71 @@ static void flecks_in_a_wall_are_filled(void **state)
     cn_picture_deinit(&p);
 }
 
+/* At the end of the reach a picture fades as a whole, sky and matter alike: it is filled as if it did not fade. With
+ * grey for large holes, too. */
+static void what_fades_is_not_unseen(void **state)
+{
+    (void)state;
+    static const float sky[3] = { 0.1f, 0.1f, 0.9f }, wall[3] = { 0.8f, 0.1f, 0.1f }, none[3] = { 0 };
+    static const double coverages[] = { 0.99, 0.8, 0.3, 0.01, 0 };
+    for (cn_unseen unseen = CN_UNSEEN_FILL; unseen <= CN_UNSEEN_NEUTRAL; unseen++)
+        for (size_t k = 0; k < sizeof coverages / sizeof *coverages; k++) {
+            cn_picture whole, faded;
+            setup(&whole, W, H);
+            setup(&faded, W, H);
+            for (uint32_t y = 0; y < H; y++)
+                for (uint32_t x = 0; x < W; x++) {
+                    const bool hole = x == 20 && y > 14;
+                    paint(&whole, x, y, hole ? none : y < 10 ? sky : wall, !hole);
+                    faded.depth[y * W + x] = whole.depth[y * W + x] = y < 10 || hole ? 0 : 20;
+                }
+            memcpy(faded.rgba, whole.rgba, (size_t)W * H * 4 * sizeof *faded.rgba);
+            cn_compose_fade(&faded, coverages[k]);
+            assert_int_equal(cn_compose_unseen(&whole, unseen), CN_OK);
+            assert_int_equal(cn_compose_unseen(&faded, unseen), CN_OK);
+            for (size_t i = 0; i < (size_t)W * H * 4; i++)
+                assert_true(fabs((double)faded.rgba[i] - coverages[k] * (double)whole.rgba[i]) < 1e-5);
+            assert_true(whole.rgba[2] == 0.9f && fabsf(whole.rgba[4 * (16 * W + 20)] - 0.8f) < 0.05f);
+            cn_picture_deinit(&whole);
+            cn_picture_deinit(&faded);
+        }
+}
+
+/* A picture of all directions: what is filled behind the camera goes on over the left and right edge. A fleck in a wall
+ * there is filled, too. */
+static void all_directions_have_no_edge_behind(void **state)
+{
+    (void)state;
+    static const uint32_t widths[] = { 256, 250, 201, 131 };
+    static const float sky[3] = { 0.1f, 0.1f, 0.9f }, none[3] = { 0 };
+    for (size_t k = 0; k < sizeof widths / sizeof *widths; k++) {
+        const uint32_t w = widths[k], h = w / 2, edge = w / 9;
+        cn_picture p;
+        assert_int_equal(cn_picture_init(&p, w, h), CN_OK);
+        p.wraps = true;
+        for (uint32_t y = 0; y < h; y++)
+            for (uint32_t x = 0; x < w; x++) {
+                const float s = 0.5f + 0.4f * sinf(((float)x + 0.5f) / (float)w * 6.2831853f);
+                const bool hole = (x < edge || x >= w - edge) && y > h / 4;
+                paint(&p, x, y, hole ? none : (const float[]){ s, s, s }, !hole);
+                p.depth[y * w + x] = hole ? 0 : 10;
+            }
+        paint(&p, 0, 4, sky, 1); /* a fleck above the hole */
+        p.depth[4 * w] = 0;
+        assert_int_equal(cn_compose_unseen(&p, CN_UNSEEN_FILL), CN_OK);
+        float seam = 0, steepest = 0;
+        for (uint32_t y = h / 4 + 1; y < h; y++)
+            for (uint32_t x = 0; x < w; x++) {
+                const float step = fabsf(p.rgba[4 * (y * w + x)] - p.rgba[4 * (y * w + (x + 1) % w)]);
+                if (x == w - 1) seam = fmaxf(seam, step);
+                if (x < w - 1) steepest = fmaxf(steepest, step);
+            }
+        assert_true(seam < 1.1f * steepest && seam < 0.05f);
+        assert_true(fabsf(p.rgba[4 * (4 * w)] - p.rgba[4 * (4 * w) + 2]) < 0.02f);
+        cn_picture_deinit(&p);
+    }
+}
+
 static void black_changes_nothing(void **state)
 {
     (void)state;
@@ -212,6 +277,8 @@ int main(void)
         cmocka_unit_test(tinged_holes_are_filled_whole),
         cmocka_unit_test(the_sky_does_not_fill_holes),
         cmocka_unit_test(flecks_in_a_wall_are_filled),
+        cmocka_unit_test(what_fades_is_not_unseen),
+        cmocka_unit_test(all_directions_have_no_edge_behind),
         cmocka_unit_test(black_changes_nothing),
         cmocka_unit_test(hard_pictures),
         cmocka_unit_test(a_trace_of_fog_fills_nothing),
