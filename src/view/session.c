@@ -83,7 +83,7 @@ void cn_live_send_all(cn_live *live, const char *text)
     }
 }
 
-cn_out *cn_session_next(cn_session *s, bool *more)
+cn_out *cn_session_next(cn_session *s)
 {
     pthread_mutex_lock(&s->lock);
     cn_out *out = s->first;
@@ -92,7 +92,6 @@ cn_out *cn_session_next(cn_session *s, bool *more)
         s->n_out--;
         s->out_bytes -= out->size;
     }
-    *more = s->first != NULL;
     pthread_mutex_unlock(&s->lock);
     return out;
 }

@@ -60,8 +60,8 @@ void cn_session_send_failure(cn_session *session, uint32_t visit, uint32_t id, c
 /* To every page. */
 void cn_live_send_all(cn_live *live, const char *text);
 uint32_t cn_live_count(cn_live *live);
-/* The next message, which the caller destroys; NULL when none waits. *more: whether another does. */
-cn_out *cn_session_next(cn_session *session, bool *more);
+/* The next message, which the caller destroys; NULL when none waits. */
+cn_out *cn_session_next(cn_session *session);
 /* Whether too many messages wait, so that the page must be disconnected. */
 bool cn_session_overrun(cn_session *session);
 uint32_t cn_session_visit(cn_session *session);

@@ -6,6 +6,7 @@ import random
 import re
 import shutil
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -196,6 +197,30 @@ def slow_upload():
     page.close()
 
 
+def slow_download():
+    """A film over a slow line: a ping is answered between its pieces, and the page is not cut off."""
+    size, rate, answer = 18000000, 3e5 if LONG else 1e9, b"\x8a\x06there?"
+    os.makedirs(f"{city}/renders/slow")
+    with open(f"{city}/renders/slow/flight.mp4", "wb") as file:
+        file.write(bytes(size))
+    page = Page(server)
+    page.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 17)
+    page.send("film_show", name="slow")
+    page.fill()
+    page.send_raw(b"there?", opcode=9)
+    begin, got, answered, end = time.monotonic(), len(page.rest), 0, b""
+    while got < size:
+        time.sleep(max(got / rate - (time.monotonic() - begin), 0))
+        piece = page.socket.recv(1 << 16)
+        if not piece:
+            break
+        got, end = got + len(piece), end[-len(answer):] + piece
+        answered = answered or (got if answer in end else 0)
+    check(got >= size, f"a page that reads slowly stays: {got} bytes in {time.monotonic() - begin:.0f} s")
+    check(0 < answered < size / 2, f"a ping is answered after {answered} of {size} bytes")
+    page.close()
+
+
 def random_bytes():
     rng = random.Random(7)
     for i in range(120):
@@ -368,7 +393,7 @@ try:
     quiet = server.sockets()
     http(server)
     for part in (many_viewers, too_many_viewers, leaving_in_mid_frame, who_do_not_read, half_requests,
-                 too_many_connections, one_after_another, slow_upload, random_bytes, broken_tile):
+                 too_many_connections, one_after_another, slow_upload, slow_download, random_bytes, broken_tile):
         timed(part)
         serves(part.__name__)
 finally:
