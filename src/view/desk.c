@@ -179,10 +179,11 @@ static cn_status answer_saved(const cn_desk *k, const cn_question *q)
 static cn_status answer_city(cn_desk *k, const cn_question *q)
 {
     cn_session_send_json(q->session, q->visit, "city", q->ask.id, cn_facts_city(k->city, k->dataset, k->colour));
-    /* A page that has just connected does not know the state yet. */
+    /* A page that has just connected does not know the state yet, nor what became of a film while it was away. */
     pthread_mutex_lock(&k->lock);
     free(k->said);
     k->said = NULL;
+    if (k->reported) cn_session_send(q->session, q->visit, cn_out_create(k->reported, strlen(k->reported), false, -1));
     pthread_mutex_unlock(&k->lock);
     return CN_OK;
 }
@@ -229,7 +230,7 @@ static void say_state(cn_desk *k)
         k->said = strdup(text);
     }
     pthread_mutex_unlock(&k->lock);
-    if (news) cn_live_send_all(k->live, text);
+    if (news) cn_live_send_all(k->live, text, CN_SLOT_STATE);
     free(text);
 }
 
@@ -336,6 +337,7 @@ void cn_desk_close(cn_desk *k)
         cn_ask_deinit(&k->waiting[(k->first + i) % CN_DESK_MAX].ask);
     cn_ask_deinit(&k->film.ask);
     free(k->said);
+    free(k->reported);
     pthread_cond_destroy(&k->film_changed);
     pthread_cond_destroy(&k->changed);
     pthread_mutex_destroy(&k->lock);

@@ -374,6 +374,18 @@ def paths(browser):
     check(browser.run("document.querySelector('#film video').videoWidth") in (160, 0), "the film plays in the page")
     browser.middle("#film")
     shoot(browser, "film")
+    missed_the_end(browser)
+
+
+def missed_the_end(browser):
+    """A page whose line broke while a film was made is told how it ended. What the server does not make is hidden."""
+    told = "[document.getElementById('job').hidden, document.getElementById('job-told').textContent]"
+    for name, then in (("tour", [False, "Film tour: done"]), ("gone", [True, "Film gone: it begins"])):
+        browser.run(f"conurb.link.say('film', {{ state: 'running', name: '{name}' }})")
+        check(browser.run(told) == [False, f"Film {name}: it begins"], "a film that runs is shown")
+        browser.run("conurb.link.socket.close()")
+        browser.wait(f"JSON.stringify({told}) === JSON.stringify({json.dumps(then)})", 30)
+    rest(browser)
 
 
 def on_the_time_line(browser):

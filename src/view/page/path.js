@@ -1,5 +1,6 @@
 // A camera path: keyframes on a time line. It is played here, saved for `conurb render --path`, and rendered.
 import { anglesOf, clamp, mix, rotationOf, scale, add, sub } from "./geometry.js";
+import { follow } from "./job.js";
 import { coloured, frustum } from "./look.js";
 import { makeTrack } from "./track.js";
 import { byId, check, element, row, say, select } from "./ui.js";
@@ -146,7 +147,7 @@ export function setUpPath(app) {
     const id = link.send("film", { name: name.value.trim(), width: +width.value, appearance, display_view, look, exposure_ev });
     link.waiting.set(id, { yes: () => {}, no: tell });
   }
-  link.addEventListener("film", ({ detail }) => {
+  follow(link, "film", (detail) => {
     app.film = detail;
     told.textContent = detail.state === "running" ? `Rendering ${detail.name}; its progress is over the picture.` : detail.state === "done" ? `Done: ${detail.folder}${detail.film ? "/flight.mp4" : ""}` : `${detail.name}: ${detail.text || detail.state}`;
     if (detail.film) showFilm(detail.name).catch(tell);
