@@ -173,12 +173,12 @@ static cn_status take_members(const json_t *root, cn_ask *ask)
 {
     char type[16] = "";
     size_t i = 0;
+    CN_TRY(take_whole(root, "id", 0, UINT32_MAX, &ask->id)); /* first: the answer to a faulty request names it, too */
     CN_TRY(take_text(root, "type", type, sizeof type));
     while (i < sizeof kinds / sizeof *kinds && strcmp(kinds[i].name, type) != 0)
         i++;
     if (i == sizeof kinds / sizeof *kinds) return cn_fail(CN_ERR_USAGE, "message: no type is named '%s'", type);
     ask->kind = kinds[i].kind;
-    CN_TRY(take_whole(root, "id", 0, UINT32_MAX, &ask->id));
     CN_TRY(take_whole(root, "slot", 0, CN_ASK_SLOTS - 1, &ask->slot));
     CN_TRY(take_text(root, "name", ask->name, sizeof ask->name));
     CN_TRY(take_appearance(root, ask));
@@ -245,11 +245,7 @@ cn_status cn_ask_parse_upload(cn_ask *ask, const uint8_t *message, size_t size)
     json_t *root = json_loadb((const char *)message + HEAD, n, JSON_REJECT_DUPLICATES, NULL);
     const cn_status status = take_upload(root, ask, message + HEAD + n, size - HEAD - n);
     json_decref(root);
-    if (status != CN_OK) {
-        const uint32_t id = ask->id;
-        cn_ask_deinit(ask);
-        ask->id = id; /* for the answer */
-    }
+    if (status != CN_OK) cn_ask_deinit(ask);
     return status;
 }
 

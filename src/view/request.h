@@ -65,7 +65,7 @@ typedef struct cn_ask {
 } cn_ask;
 
 /* Parses a message; the caller deinits the result. CN_ERR_USAGE: the message says what is wrong; then there is nothing
- * to free. */
+ * to free, and id is the request's, or 0 where it has none. */
 CN_NODISCARD cn_status cn_ask_parse(cn_ask *ask, const char *text, size_t size);
 /* The same for a binary message. Copies the file. */
 CN_NODISCARD cn_status cn_ask_parse_upload(cn_ask *ask, const uint8_t *message, size_t size);

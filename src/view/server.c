@@ -173,7 +173,7 @@ static void take_message(const cn_server *s, connection *c, bool binary)
     const cn_status status = binary ? cn_ask_parse_upload(&ask, (const uint8_t *)c->message, c->length)
                                     : cn_ask_parse(&ask, c->message, c->length);
     if (status != CN_OK) {
-        cn_session_send_failure(c->session, cn_session_visit(c->session), binary ? ask.id : 0, cn_error_message());
+        cn_session_send_failure(c->session, cn_session_visit(c->session), ask.id, cn_error_message());
         return;
     }
     if (ask.kind == CN_ASK_VIEW)

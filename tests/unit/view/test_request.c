@@ -87,6 +87,9 @@ static void what_makes_no_sense(void **state)
     }
     cn_ask ask;
     assert_int_equal(cn_ask_parse(&ask, "{\"type\":\"city\"}\0{}", 18), CN_ERR_USAGE);
+    /* The answer names the request. */
+    assert_int_equal(parse(&ask, "{\"type\":\"fly\",\"id\":7}"), CN_ERR_USAGE);
+    assert_int_equal(ask.id, 7);
     static char large[CN_ASK_MAX_BYTES + 1];
     memset(large, ' ', sizeof large);
     assert_int_equal(cn_ask_parse(&ask, large, sizeof large), CN_ERR_USAGE);
