@@ -63,6 +63,8 @@ static cn_status make(cn_desk *k, const cn_context *ctx, const cn_ask *ask, char
                                              .view = ask->display_view[0] ? ask->display_view : NULL,
                                              .look = ask->look[0] ? ask->look : NULL,
                                              .exposure_ev = ask->exposure_ev,
+                                             .blend = ask->blend[0] ? ask->blend : NULL,
+                                             .crop_m = ask->cropped ? ask->crop_m : NULL,
                                              .width_px = ask->width };
     cn_status status = path && *out ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_city *city = NULL;

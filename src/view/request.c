@@ -133,6 +133,13 @@ static cn_status take_appearance(const json_t *root, cn_ask *ask)
     return CN_OK;
 }
 
+/* What of the city is shown: of a picture and a film. */
+static cn_status take_scene(const json_t *root, cn_ask *ask)
+{
+    CN_TRY(take_crop(root, ask));
+    return take_text(root, "blend", ask->blend, sizeof ask->blend);
+}
+
 /* How light is shown: of a picture, a film and a photo. */
 static cn_status take_display(const json_t *root, cn_ask *ask)
 {
@@ -146,8 +153,7 @@ static cn_status take_picture(const json_t *root, cn_ask *ask)
     ask->moving = json_is_true(json_object_get(root, "moving"));
     CN_TRY(take_camera(root, ask));
     CN_TRY(take_channel(root, &ask->channel));
-    CN_TRY(take_crop(root, ask));
-    CN_TRY(take_text(root, "blend", ask->blend, sizeof ask->blend));
+    CN_TRY(take_scene(root, ask));
     CN_TRY(take_text(root, "photo", ask->photo, sizeof ask->photo));
     return take_display(root, ask);
 }
@@ -187,6 +193,7 @@ static cn_status take_members(const json_t *root, cn_ask *ask)
     CN_TRY(take_whole(root, "width", 16, CN_ASK_MAX_SIDE, &ask->width));
     CN_TRY(take_whole(root, "frame", 0, 99999, &ask->frame));
     if (ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_PHOTO) CN_TRY(take_display(root, ask));
+    if (ask->kind == CN_ASK_FILM) CN_TRY(take_scene(root, ask));
     if ((ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_FILM_SHOW) && !cn_ask_name_is_safe(ask->name))
         return cn_fail(CN_ERR_USAGE, "message: no path is named '%s'", ask->name);
     return CN_OK;

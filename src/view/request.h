@@ -50,9 +50,9 @@ typedef struct cn_ask {
     cn_channel channel;
     double exposure_ev;
     bool cropped;
-    double crop_m[6]; /* as in cn_render_options */
-    char appearance[2048], blend[32];
-    char display_view[64], look[64]; /* these and exposure_ev: of a film and a photo too */
+    double crop_m[6];                 /* as in cn_render_options */
+    char appearance[2048], blend[32]; /* these and the crop: of a film too */
+    char display_view[64], look[64];  /* these and exposure_ev: of a film and a photo too */
     char photo[256]; /* "", or the photo whose pose and lens the picture has, instead of the ones above */
     /* of photo, tile, path or light */
     char name[256];

@@ -351,13 +351,14 @@ def paths(browser):
     choose(browser, "Width", "160")
     browser.run("conurb.path.keys().splice(2); conurb.path.keys()[0].time = 0; conurb.path.keys()[1].time = 0.3")
     # The film has the settings of the picture.
-    browser.run("""conurb.picture.setLook({ exposure_ev: 0.5 }); conurb.link.send = function (type, fields) {
+    browser.run("""conurb.picture.setLook({ exposure_ev: 0.5, blend: 'ownership' });
+        conurb.link.send = function (type, fields) {
         if (type === 'film') conurb.asked = fields;
         return Object.getPrototypeOf(this).send.call(this, type, fields); }""")
     browser.click("#render-path")
     browser.wait("conurb.film && conurb.film.state !== 'running'", 300)
     check(browser.run("conurb.film.state") == "done", f"a film is rendered: {browser.run('conurb.film')}")
-    other = browser.run("""['appearance', 'display_view', 'look', 'exposure_ev'].filter((one) =>
+    other = browser.run("""['appearance', 'display_view', 'look', 'exposure_ev', 'blend', 'crop'].filter((one) =>
         conurb.asked[one] !== conurb.picture.look[one])""")
     check(not other, f"the film is as the picture, but for: {other}")
     browser.run("delete conurb.link.send; conurb.picture.setLook({ exposure_ev: 0 })")

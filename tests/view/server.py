@@ -207,7 +207,11 @@ def films():
     done = made_film(page, exposure_ev=2, display_view="Raw")
     check(done["state"] == "done" and page.ask("film_show", name="round", frame=1)[2] != first,
           f"a film has the page's exposure and view: {done}")
-    for fields in ({"display_view": "nonsense"}, {"look": "nonsense"}):
+    for fields in ({"crop": [9e5] * 3 + [9.1e5] * 3}, {"blend": "ownership"}):
+        done = made_film(page, **fields)
+        other = page.ask("film_show", name="round", frame=1)[2]
+        check(done["state"] == "done" and other != first, f"a film with {fields} is another one: {done}")
+    for fields in ({"display_view": "nonsense"}, {"look": "nonsense"}, {"blend": "nonsense"}):
         done = made_film(page, **fields)
         check(done["state"] == "failed" and "nonsense" in done["text"], f"a film with {fields}: {done}")
     page.close()

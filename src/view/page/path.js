@@ -143,8 +143,8 @@ export function setUpPath(app) {
 
   async function film() {
     await save();
-    const { appearance, display_view, look, exposure_ev } = picture.look;
-    const id = link.send("film", { name: name.value.trim(), width: +width.value, appearance, display_view, look, exposure_ev });
+    const { appearance, display_view, look, exposure_ev, blend, crop } = picture.look;
+    const id = link.send("film", { name: name.value.trim(), width: +width.value, appearance, display_view, look, exposure_ev, blend, crop });
     link.waiting.set(id, { yes: () => {}, no: tell });
   }
   follow(link, "film", (detail) => {
@@ -152,7 +152,11 @@ export function setUpPath(app) {
     told.textContent = detail.state === "running" ? `Rendering ${detail.name}; its progress is over the picture.` : detail.state === "done" ? `Done: ${detail.folder}${detail.film ? "/flight.mp4" : ""}` : `${detail.name}: ${detail.text || detail.state}`;
     if (detail.film) showFilm(detail.name).catch(tell);
   });
-  const screen = element("div", { id: "film" });
+  const screen = element("div", { id: "film" }), whole = element("p", { className: "soft", id: "film-whole", hidden: true });
+  picture.addEventListener("look", () => {
+    whole.hidden = !picture.look.name;
+    whole.textContent = `The film is made of all tiles, not only of ${picture.look.name}.`;
+  });
 
   // The film plays in the page. One that is too long for that stays where it is told to be.
   async function showFilm(one) {
@@ -184,6 +188,7 @@ export function setUpPath(app) {
       element("h2", {}, "Film"), row("Width", width), row("Pictures/s", fps),
       element("div", { className: "row" }, element("button", { id: "render-path", onclick: () => film().catch(tell) }, "Render this path"),
         element("button", { id: "show-film", onclick: () => showFilm(name.value.trim()).catch(tell) }, "Show its film")),
+      whole,
       told, screen);
     draw();
     refresh().catch(() => {});

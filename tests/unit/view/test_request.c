@@ -118,6 +118,12 @@ static void films_and_photos(void **state)
     assert_string_equal(ask.display_view, "Un-tone-mapped");
     assert_string_equal(ask.look, "warm");
     assert_int_not_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"exposure_ev\":1e9}"), CN_OK);
+    assert_int_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"blend\":\"ownership\","
+                                 "\"crop\":[-1,-2,-3,4,5,6]}"),
+                     CN_OK);
+    assert_true(ask.cropped && ask.crop_m[5] == 6);
+    assert_string_equal(ask.blend, "ownership");
+    assert_int_not_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"crop\":[0,0,0]}"), CN_OK);
     assert_int_equal(parse(&ask, "{\"type\":\"photo\",\"name\":\"a.jpg\",\"width\":64,\"exposure_ev\":1.5}"), CN_OK);
     assert_true(ask.kind == CN_ASK_PHOTO && ask.exposure_ev == 1.5);
     assert_int_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"photo\":\"a.jpg\"}"), CN_OK);
