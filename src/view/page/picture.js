@@ -162,6 +162,6 @@ export class Picture extends EventTarget {
     return this.probes(() => this.link.ask("view", {
       slot: 3, moving: true, width: 3, height: 3, vfov_deg: state.vfov ?? 0.2, centre: state.centre,
       rotation: state.rotation ?? rotationOf(state), blend: this.look.blend, name: this.look.name, crop: this.look.crop,
-    }).then(({ head }) => head.depth[Math.floor(head.depth.length / 2)]));
+    }).then(({ head }) => head.metres));
   }
 }
