@@ -35,7 +35,7 @@ export function cropControls(app, city) {
   }
   // At first the box is about what is in the middle of the picture.
   function begin() {
-    const { camera } = app, depth = app.stage.depthAt(0, 0) || camera.reach;
+    const { camera } = app, depth = camera.depthAt(0, 0) || camera.reach;
     const middle = add(camera.centre, scale(rayOf(camera, camera.aspect, 0, 0), depth));
     box = [-1, 1].flatMap((side) => middle.map((x) => x + side * depth / 3));
     for (let i = 0; i < 6; i++) box[i] = Math.min(Math.max(box[i], low[i % 3]), high[i % 3]);

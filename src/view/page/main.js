@@ -66,7 +66,7 @@ function sayEmpty(tile) {
 
 // Told again when the picture changes under a cursor that rests.
 function under() {
-  const { camera, city, stage, cursor } = app, depth = cursor ? stage.depthAt(...cursor) : 0;
+  const { camera, city, cursor } = app, depth = cursor ? camera.depthAt(...cursor) : 0;
   const [x, y] = cursor || [0, 0];
   const place = add(camera.centre, scale(rayOf(camera, camera.aspect, x, y), depth));
   byId("under").textContent = city && depth ? `Under the cursor ${placeText(city.frame, place)} (${depth.toFixed(1)} ${city.frame.unit} away)` : "";
@@ -104,7 +104,7 @@ function start() {
   performance.mark("conurb files");
   const link = app.link = new Link(), stage = app.stage = new Stage(canvas);
   const camera = app.camera = new Camera(canvas), picture = app.picture = new Picture(link, camera, stage);
-  camera.depthAt = (x, y) => stage.depthAt(x, y);
+  camera.depthAt = (x, y) => stage.depthAt(camera, camera.aspect, x, y);
   camera.addEventListener("step", () => stand());
   camera.addEventListener("home", () => app.city?.views.length && camera.flyToPose(uprightPose(app.city.views[0])));
   link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head), (e) => say(e.message, true)));

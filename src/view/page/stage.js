@@ -1,9 +1,11 @@
 // Draws the pictures from the server. When the camera has moved since, the last picture is warped to the present view
 // by its depths: a grid of triangles, each corner at its depth. Plain WebGL.
-import { RAD, rotationOf, sub } from "./geometry.js";
+import { RAD, add, clamp, norm, placeIn, rayOf, rotationOf, scale, sub } from "./geometry.js";
 
 const FAR = 1e4; // times the reach: where what has no depth is drawn
 const BEYOND = 0.4; // of the picture, on each side
+const NEAREST = 1e-3; // times the reach: a depth, at least
+const DEPTH_STEPS = 4; // to a place whose depth is looked for
 const EDGE = 1.35; // a ratio of depths between neighbours that is an edge
 
 const WARP_VERTEX = `
@@ -143,13 +145,22 @@ export class Stage {
     this.dirty = true;
   }
 
-  depthAt(x, y) {
+  // How far away is what lies at a place in the picture, from where the camera is now; 0: nothing is there. The depths are
+  // those of the last picture, whose camera may have been elsewhere: the place that they mean is looked for along the ray.
+  depthAt(camera, aspect, x, y) {
     const frame = this.frames[0];
     if (!frame || !frame.depth) return 0;
-    const [w, h] = frame.grid;
-    const column = Math.min(Math.max(Math.floor((x + 1) / 2 * w), 0), w - 1);
-    const row = Math.min(Math.max(Math.floor((y + 1) / 2 * h), 0), h - 1);
-    return frame.depth[row * w + column];
+    const [w, h] = frame.grid, ray = rayOf(camera, aspect, x, y), least = NEAREST * camera.reach;
+    const cell = (t, n) => clamp(Math.floor((t + 1) / 2 * n), 0, n - 1);
+    const seen = (at) => frame.depth[cell(at[1], h) * w + cell(at[0], w)];
+    let depth = seen([x, y]) || camera.reach;
+    for (let i = 0; i < DEPTH_STEPS; i++) {
+      const place = add(camera.centre, scale(ray, depth)), at = placeIn(frame.camera, frame.aspect, place);
+      if (!at) return depth; // the last picture looked away from there
+      if (!seen(at)) return 0;
+      depth = Math.max(depth + seen(at) - norm(sub(place, frame.camera.centre)), least);
+    }
+    return depth;
   }
 
   resize() {
