@@ -1,8 +1,10 @@
 """The page of `conurb view` in a headless Chromium, on the demo city: uses every control.
 page.py CONURB DEMO [FOLDER for screenshots]"""
 import json
+import math
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -343,6 +345,7 @@ def paths(browser):
     with open(file, encoding="utf-8") as text:
         check(len(json.load(text)["keyframes"]) == 3, "the path is saved")
     shoot(browser, "path")
+    as_its_film(browser)
     browser.run("[...document.querySelectorAll('#path button')].find((b) => b.textContent === 'Clear').click()")
     check(browser.run("conurb.path.keys().length") == 0, "the keyframes are cleared")
     browser.wait("[...document.querySelectorAll('#path button')].some((b) => b.textContent === 'tour')", 20)
@@ -376,6 +379,36 @@ def paths(browser):
     browser.middle("#film")
     shoot(browser, "film")
     missed_the_end(browser)
+
+
+def as_its_film(browser):
+    """A path is played with the cameras that its film has: they turn far, and twice they stay where they are."""
+    keys = [{"time_s": i, "local": place, "heading_deg": h, "pitch_deg": p, "roll_deg": r, "vfov_deg": vfov}
+            for i, (place, h, p, r, vfov) in enumerate((
+                ([0, 0, 5], 10, -45, 0, 60), ([3, 1, 5], 160, -50, 20, 20), ([3, 1, 5], 250, 80, 0, 40),
+                ([9, 4, 7], 20, 10, -30, 90), ([9, 4, 7], 20, 10, -30, 90)))]
+    with open(f"{work}/turns.json", "w", encoding="utf-8") as file:
+        json.dump({"fps": 10, "keyframes": keys}, file)
+    subprocess.run([conurb, "export", city, "--camera", f"{work}/turns.chan", "--path", f"{work}/turns.json"],
+                   check=True, capture_output=True)
+    with open(f"{work}/turns.chan", encoding="utf-8") as file:
+        film = [[float(x) for x in line.split()] for line in file]
+    played = browser.run(f"""(() => {{ const keys = {json.dumps(keys)}.map((k) => ({{ time: k.time_s, state: {{
+        centre: k.local, heading: k.heading_deg, pitch: k.pitch_deg, roll: k.roll_deg, vfov: k.vfov_deg }} }}));
+        const n = {len(film)};
+        return [...Array(n).keys()].map((i) => {{ const s = conurb.path.stateAt(keys, 4 * i / (n - 1));
+          return {{ ...s, r: conurb.geometry.rotationOf(s) }}; }}); }})()""")
+    apart = [0, 0, 0]
+    for (_, x, y, z, *angles, vfov), here in zip(film, played):
+        (sx, cx), (sy, cy), (sz, cz) = ((math.sin(math.radians(a)), math.cos(math.radians(a))) for a in angles)
+        # The rotation is Ry Rx Rz; y is up and z south. The camera looks along -z, and its x is to the right.
+        ahead, right = (-sy * cx, sx, -cy * cx), (cy * cz + sy * sx * sz, cx * sz, -sy * cz + cy * sx * sz)
+        there = [(x, -z, y), *((v[0], -v[2], v[1]) for v in (right, ahead))]
+        ours = [here["centre"], here["r"][:3], here["r"][6:]]
+        apart[0] = max(apart[0], math.dist(there[0], ours[0]))
+        apart[1] = max(apart[1], math.dist(there[1], ours[1]), math.dist(there[2], ours[2]))
+        apart[2] = max(apart[2], abs(vfov - here["vfov"]))
+    check(len(film) > 30 and max(apart) < 1e-3, f"a path is played as its film: {apart} apart in {len(film)} frames")
 
 
 def missed_the_end(browser):
