@@ -297,6 +297,14 @@ def photos(browser):
     rest(browser)
     check(look(browser)[1] > 0.8, "the view of a photo shows the city")
     shoot(browser, "photo")
+    held = browser.run("conurb.city.views.find((v) => v.held_out).name")
+    for one in (name, held):
+        browser.run(f"conurb.light.more.push({{ light: 'mean', share: 0.5 }}); conurb.flyToPhoto('{one}')")
+        browser.click("#photo-light")
+        lit = browser.run("[conurb.picture.look.appearance, document.querySelector('#light select').value]")
+        check(lit == [one, one], f"a photo's light is that of the panel, too: {lit}")
+    browser.run("conurb.setLight('mean')")
+    rest(browser)
 
 
 def plan(browser):

@@ -82,7 +82,7 @@ export function setUpPhotos(app) {
       element("h2", {}, shortName(view.name)),
       element("p", { className: "soft" }, `${view.held_out ? "Held out: never trained on. " : ""}${when}`),
       element("div", { className: "row" },
-        element("button", { onclick: () => picture.setLook({ appearance: view.name }) }, "Its light"),
+        element("button", { id: "photo-light", onclick: () => app.setLight(view.name) }, "Its light"),
         ...(city.pixels ? [
           element("button", { id: "photo-beside", onclick: () => beside().catch(tell) }, "Beside its render"),
           element("button", { id: "photo-error", onclick: () => error(view, box).catch(tell) }, "Error")] : []),
