@@ -42,7 +42,11 @@ function begin(city) {
   if (!first) return;
   performance.mark("conurb city");
   // The first picture is asked for already: the server makes it while the rest is set up here.
-  app.stage.setUp();
+  try {
+    app.stage.setUp();
+  } catch (error) {
+    return sayBlack(error.message);
+  }
   performance.mark("conurb drawing");
   for (const panel of app.panels) panel.begin?.(city);
 }
@@ -56,12 +60,15 @@ function readout() {
   byId("compass").setAttribute("aria-label", `Look north; now ${Math.round(camera.heading)} degrees`);
 }
 
-// Says why a picture is black.
+// Says why the picture is black; "": it is not.
+function sayBlack(why) {
+  byId("empty").hidden = !why;
+  byId("empty").textContent = why;
+}
 function sayEmpty(tile) {
   const none = !Object.keys(app.trained ?? app.city.trained).length;
-  byId("empty").hidden = !!tile;
-  byId("empty").textContent = none ? "No tile of this city is trained yet. The first one appears here by itself, while it trains."
-    : "No trained tile is in reach of this view.";
+  sayBlack(tile ? "" : none ? "No tile of this city is trained yet. The first one appears here by itself, while it trains."
+    : "No trained tile is in reach of this view.");
 }
 
 // Told again when the picture changes under a cursor that rests.
@@ -107,7 +114,7 @@ function start() {
   camera.depthAt = (x, y) => stage.depthAt(camera, camera.aspect, x, y);
   camera.addEventListener("step", () => stand());
   camera.addEventListener("home", () => app.city?.views.length && camera.flyToPose(uprightPose(app.city.views[0])));
-  link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head), (e) => say(e.message, true)));
+  link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head)).catch((e) => say(e.message, true)));
   link.addEventListener("closed", () => say("The connection to the server was lost; trying again.", true));
   picture.addEventListener("failed", (e) => say(e.detail, true));
   picture.addEventListener("shown", ({ detail: { head, asked, took } }) => {

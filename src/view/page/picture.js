@@ -104,7 +104,7 @@ export class Picture extends EventTarget {
       if (this.wanted) this.ask(true);
       else if (this.settling) this.refresh();
     }
-    if (asked.slot === 1 && !this.beside) return;
+    if (!this.stage.gl) return; // there is nothing to draw with
     if (!asked.slot && this.coarser(head, asked)) return;
     const turn = ++this.turn, bitmap = await createImageBitmap(jpeg);
     // A newer picture arrived while this one was decoded.
