@@ -129,6 +129,16 @@ function start() {
     byId("speed").textContent = asked.moving && rate ? `${rate.toFixed(1)} pictures/s, ${head.width} px`
       : `${head.width} × ${head.height}${head.last ? "" : " …"}, ${Math.round(took)} ms${head.tile ? `, tile ${head.tile}` : ""}`;
   });
+  canvas.addEventListener("webglcontextrestored", () => {
+    stage.setUp();
+    if (!picture.beside) app.showDivider(false); // a photo was there
+    picture.refresh();
+  });
+  // As when an address is pasted that has a view; the page's own changes of it are not told here.
+  addEventListener("hashchange", () => {
+    const linked = stateIn(location.hash);
+    if (linked && app.city) camera.flyTo(linked);
+  });
   canvas.addEventListener("pointermove", (e) => (app.cursor = camera.inPicture(e), under()));
   canvas.addEventListener("pointerleave", () => (app.cursor = null, under()));
   byId("compass").addEventListener("click", () => camera.flyTo({ ...camera.state(), heading: 0, roll: 0 }));

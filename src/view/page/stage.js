@@ -58,15 +58,15 @@ export class Stage {
   constructor(canvas) {
     this.canvas = canvas;
     this.frames = [null, null]; // the view, and the one beside it
-    this.marks = new Map(); // by name: {kind, n, buffer, colour}
+    this.marks = new Map(); // by name: {kind, data, alpha, size, buffer}
     this.split = null; // of the width, where the second picture begins
     this.warp = true;
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
-    canvas.addEventListener("webglcontextrestored", () => this.setUp());
     this.gl = null; // until setUp(), which takes a while: the first picture is asked for before
     this.dirty = true;
   }
 
+  // Once more after the browser has lost what was in the graphics processor: the marks are there again, pictures are not.
   setUp() {
     const gl = this.gl = this.canvas.getContext("webgl", { antialias: true, alpha: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("this browser has no WebGL; turn it on to see the city");
@@ -74,7 +74,7 @@ export class Stage {
     this.markProgram = this.program(MARK_VERTEX, MARK_FRAGMENT);
     this.frames = [null, null];
     this.quad = null;
-    this.marks.clear();
+    for (const mark of this.marks.values()) mark.buffer = this.fill(gl.createBuffer(), mark.data);
     this.dirty = true;
   }
 
@@ -132,11 +132,14 @@ export class Stage {
 
   // Lines ("LINES") or points ("POINTS") in the world: 3 floats per vertex, and 3 for its colour.
   mark(name, kind, data, alpha = 1, size = 2) {
-    const gl = this.gl, old = this.marks.get(name), buffer = old ? old.buffer : gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-    this.marks.set(name, { kind: gl[kind], n: data.length / 6, buffer, alpha, size });
+    const gl = this.gl, old = this.marks.get(name), buffer = this.fill(old ? old.buffer : gl.createBuffer(), data);
+    this.marks.set(name, { kind: gl[kind], data, buffer, alpha, size });
     this.dirty = true;
+  }
+  fill(buffer, data) {
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, buffer);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, data, this.gl.STATIC_DRAW);
+    return buffer;
   }
   unmark(name) {
     const mark = this.marks.get(name);
@@ -252,7 +255,7 @@ export class Stage {
       gl.vertexAttribPointer(colour, 3, gl.FLOAT, false, 24, 12);
       gl.uniform1f(p.at("alpha"), mark.alpha);
       gl.uniform1f(p.at("size"), mark.size * Math.min(devicePixelRatio || 1, 2));
-      gl.drawArrays(mark.kind, 0, mark.n);
+      gl.drawArrays(mark.kind, 0, mark.data.length / 6);
     }
   }
 }
