@@ -138,6 +138,10 @@ def a_drawn_camera(browser):
 def channels(browser):
     browser.click("#tab-look")
     seen = {look(browser)[0]}
+    browser.run("""(() => { const box = [...document.querySelectorAll('#look label')].find((l) =>
+        l.textContent.startsWith('Sparse points')).firstChild; box.click(); box.click();
+        return conurb.link.ask('points'); })()""")
+    check(not browser.run("conurb.stage.marks.has('points')"), "points that are turned off meanwhile are not drawn")
     for channel in ("depth", "normal", "opacity", "tiles", "coverage", "occlusion"):
         choose(browser, "Show", channel)
         rest(browser)
@@ -178,6 +182,11 @@ def cropping(browser):
     choose(browser, "Up to", str(browser.run("conurb.picture.look.crop[2]") + 0.1))
     rest(browser)
     check(browser.run("conurb.picture.look.crop[5]") < high and look(browser)[1] < part[1], "a slider moves a face")
+    choose(browser, "East from", "1e6")
+    off = browser.run("""(() => { const label = [...document.querySelectorAll('label')].find((l) => l.textContent ===
+        'East from'), e = document.getElementById(label.htmlFor);
+        return Math.abs(e.value - conurb.picture.look.crop[0]) / e.step; })()""")
+    check(off <= 1, f"a face that meets the other one is shown where it is: {off} steps off")
     browser.click("#crop-off")
     rest(browser)
     check(look(browser)[0] == whole[0], "everything is there again")
@@ -372,7 +381,7 @@ def paths(browser):
     other = browser.run("""['appearance', 'display_view', 'look', 'exposure_ev', 'blend', 'crop'].filter((one) =>
         conurb.asked[one] !== conurb.picture.look[one])""")
     check(not other, f"the film is as the picture, but for: {other}")
-    browser.run("delete conurb.link.send; conurb.picture.setLook({ exposure_ev: 0 })")
+    browser.run("delete conurb.link.send; conurb.picture.setLook({ exposure_ev: 0, blend: '' })")
     check(browser.run("conurb.jobFrame") >= 1, "its pictures are shown as they come")
     check(browser.run("document.getElementById('job-told').textContent") == "Film tour: done", "and that it is done")
     browser.run("document.getElementById('tab-look').click()")
@@ -460,6 +469,9 @@ def kept_in_the_address(browser):
     near = browser.run("conurb.camera.centre")
     check(all(abs(a - b) < 2e-3 for a, b in zip(at["centre"], near)), f"a reload comes back to {at}, not {near}")
     rest(browser)
+    browser.run("location.hash = '#1,2,30,40,-50,0,60'")
+    browser.wait("conurb.camera.centre[2] === 30 && conurb.camera.heading === 40", 20)  # an address that is pasted
+    fly_home(browser)
 
 
 def broken(browser):

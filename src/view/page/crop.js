@@ -29,6 +29,7 @@ export function cropControls(app, city) {
     const node = element("input", { type: "range", min: low[axis], max: high[axis], step: (high[axis] - low[axis]) / 500 || 1, value: box[axis + (upper ? 3 : 0)] });
     node.addEventListener("input", () => {
       box[axis + (upper ? 3 : 0)] = upper ? Math.max(+node.value, box[axis]) : Math.min(+node.value, box[axis + 3]);
+      node.value = box[axis + (upper ? 3 : 0)];
       apply();
     });
     return row(`${AXES[axis]} ${upper ? "to" : "from"}`, node, (v) => `${(+v).toFixed(1)} ${city.frame.unit}`);

@@ -163,6 +163,7 @@ export function setUpPath(app) {
   async function showFilm(one) {
     const { tail } = await link.ask("film_show", { name: one });
     const url = URL.createObjectURL(new Blob([tail], { type: "video/mp4" }));
+    if (screen.firstChild) URL.revokeObjectURL(screen.firstChild.src);
     screen.replaceChildren(element("video", { src: url, controls: true, muted: true, loop: true, autoplay: true, "aria-label": `The film of ${one}` }));
   }
 

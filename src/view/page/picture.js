@@ -107,8 +107,8 @@ export class Picture extends EventTarget {
     if (!this.stage.gl) return; // there is nothing to draw with
     if (!asked.slot && this.coarser(head, asked)) return;
     const turn = ++this.turn, bitmap = await createImageBitmap(jpeg);
-    // A newer picture arrived while this one was decoded.
-    if (turn < this.shown[asked.slot]) return bitmap.close();
+    // A newer picture arrived while this one was decoded, or something else is to be beside it.
+    if (turn < this.shown[asked.slot] || (asked.slot === 1 && asked.look !== this.beside)) return bitmap.close();
     this.shown[asked.slot] = turn;
     if (asked.slot === 0) [this.lookShown, this.jpeg] = [asked.look, jpeg];
     this.stage.show(asked.slot, bitmap, { camera: asked.camera, aspect: asked.aspect, grid: head.grid, depth: head.depth });
