@@ -191,6 +191,7 @@ static cn_status take_members(const json_t *root, cn_ask *ask)
     if (ask->kind == CN_ASK_VIEW) return take_picture(root, ask);
     if (ask->kind == CN_ASK_SAVE || ask->kind == CN_ASK_LIST || ask->kind == CN_ASK_LOAD) return take_saved(root, ask);
     CN_TRY(take_whole(root, "width", 16, CN_ASK_MAX_SIDE, &ask->width));
+    ask->straight = json_is_true(json_object_get(root, "straight"));
     CN_TRY(take_whole(root, "frame", 0, 99999, &ask->frame));
     if (ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_PHOTO) CN_TRY(take_display(root, ask));
     if (ask->kind == CN_ASK_FILM) CN_TRY(take_scene(root, ask));

@@ -57,6 +57,7 @@ typedef struct cn_ask {
     /* of photo, tile, path or light */
     char name[256];
     uint32_t width;     /* of a photo or a film */
+    bool straight;      /* CN_ASK_PHOTO: without the distortion of its lens */
     uint32_t frame;     /* CN_ASK_FILM_SHOW: this one of its pictures, from 1; 0: the film */
     bool is_appearance; /* CN_ASK_SAVE, CN_ASK_LIST, CN_ASK_LOAD: a light, else a path */
     json_t *data;       /* CN_ASK_SAVE */

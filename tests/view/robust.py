@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 
-from cities import change, made_city, quiet_run
+from cities import change, made_city, new_city, quiet_run
 from client import Page, Server, http
 
 conurb, demo, make_photos = sys.argv[1:4]
@@ -359,6 +359,27 @@ def as_it_grows():
     check(server.stop()[0] == 0, "the server ends well")
 
 
+def without_its_lens():
+    """A photo to lie beside its render, which is a pinhole's: its lens bends lines inwards at the edges."""
+    pictures = []
+    for bent in (0, 0.5):
+        folder = new_city(conurb, make_photos, f"{work}/lens{bent}", "none")
+        with open(f"{folder}-photos/transforms.json", encoding="utf-8") as file:
+            poses = json.load(file)
+        with open(f"{folder}-photos/transforms.json", "w", encoding="utf-8") as file:
+            json.dump({**poses, "k1": bent}, file)
+        quiet_run([conurb, "poses", folder])
+        quiet_run([conurb, "plan", folder])
+        one = Server(conurb, folder)
+        page = Page(one)
+        name = page.ask("city")[0]["views"][0]["name"]
+        pictures.append([page.ask("photo", name=name, straight=straight)[1] for straight in (False, True)])
+        page.close()
+        one.stop()
+    (plain, same), (bent, straight) = pictures
+    check(plain == same == bent and straight != bent, "a photo is straightened as far as its lens bends")
+
+
 def page_of_files(folder):
     """`export --page`: the files that index.html refers to exist, and no other host is contacted."""
     out = f"{work}/page"
@@ -399,7 +420,7 @@ try:
 finally:
     code, err = server.stop()
 check(code == 0, f"the server ends with 0, not {code}: {err[-3000:]}")
-for part in (killed_while_saving, while_it_trains, as_it_grows, beside_training):
+for part in (killed_while_saving, while_it_trains, as_it_grows, beside_training, without_its_lens):
     timed(part)
 shutil.rmtree(work)
 print(f"{len(failed)} failed")

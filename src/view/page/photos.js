@@ -49,7 +49,7 @@ export function setUpPhotos(app) {
   async function beside() {
     const { display_view, look, exposure_ev } = picture.look; // the photo is shown as the render beside it is
     const view = chosen; // another may be chosen meanwhile
-    const bitmap = await createImageBitmap(await fetchPhoto(view.name, 1600, { display_view, look, exposure_ev }));
+    const bitmap = await createImageBitmap(await fetchPhoto(view.name, 1600, { display_view, look, exposure_ev, straight: true }));
     if (view !== chosen) return bitmap.close();
     const { heading, pitch, roll } = app.geometry.anglesOf(view.rotation);
     picture.beside = null;

@@ -125,7 +125,9 @@ static void films_and_photos(void **state)
     assert_string_equal(ask.blend, "ownership");
     assert_int_not_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"crop\":[0,0,0]}"), CN_OK);
     assert_int_equal(parse(&ask, "{\"type\":\"photo\",\"name\":\"a.jpg\",\"width\":64,\"exposure_ev\":1.5}"), CN_OK);
-    assert_true(ask.kind == CN_ASK_PHOTO && ask.exposure_ev == 1.5);
+    assert_true(ask.kind == CN_ASK_PHOTO && ask.exposure_ev == 1.5 && !ask.straight);
+    assert_int_equal(parse(&ask, "{\"type\":\"photo\",\"name\":\"a.jpg\",\"straight\":true}"), CN_OK);
+    assert_true(ask.straight);
     assert_int_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"photo\":\"a.jpg\"}"), CN_OK);
     assert_string_equal(ask.photo, "a.jpg");
 }
