@@ -57,6 +57,7 @@ typedef struct cn_city_render_options {
     const char *view, *look; /* NULL: from city.yaml */
     double exposure_ev;
     const char *blend;           /* a name of cn_blend_parse; NULL: from city.yaml */
+    const double *crop_m;        /* as in cn_render_options; what is not drawn is black */
     uint32_t width_px, n_frames; /* 0: from city.yaml */
     unsigned aovs;               /* CN_AOV_* bits: written as layers of the EXR files, and a PNG each */
     const char *camera;       /* "equirectangular": pictures of all directions (cn_path_look_around); NULL, "pinhole" */

@@ -32,6 +32,10 @@ cn_camera cn_camera_equirectangular(uint32_t width, uint32_t height);
  * picture the way goes across the edge where that is shorter, and near the poles a pixel is narrower. Returns its
  * length. */
 double cn_camera_offset_px(const cn_camera *camera, const double from[2], const double to[2], double offset[2]);
+/* What a camera's picture shows in a direction of the camera frame, between four of its pixels: rgbw[height][width][4]
+ * of at least 2 x 2 pixels, their colours and weights. The weight is the least of the four. All 0 where the picture
+ * does not show that direction. */
+void cn_camera_look_up(const cn_camera *camera, const float *rgbw, const double dir[3], float out[4]);
 /* Checks for positive finite focal lengths, finite parameters and a size above zero. `where` names the file. */
 CN_NODISCARD cn_status cn_camera_check(const cn_camera *camera, const char *where);
 /* For imported cameras: checks that the radial distortion has an inverse over the picture and is plausible. who:

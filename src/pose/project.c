@@ -296,3 +296,20 @@ cn_status cn_camera_unproject(const cn_camera *camera, double x_px, double y_px,
     return cn_fail(CN_ERR_DATA, "camera %u: the %s distortion has no inverse at pixel (%g, %g)", camera->id,
                    cn_lens_name(camera->lens), x_px, y_px);
 }
+
+void cn_camera_look_up(const cn_camera *camera, const float *rgbw, const double dir[3], float out[4])
+{
+    const uint32_t width = camera->width, height = camera->height;
+    double px[2];
+    for (int k = 0; k < 4; k++)
+        out[k] = 0;
+    if (!cn_camera_project(camera, dir, px)) return;
+    const double x = px[0] - 0.5, y = px[1] - 0.5;
+    if (!(x >= 0 && y >= 0 && x <= width - 1 && y <= height - 1)) return;
+    const uint32_t x0 = (uint32_t)fmin(x, width - 2), y0 = (uint32_t)fmin(y, height - 2);
+    const float u = (float)(x - x0), w = (float)(y - y0);
+    const float *top = rgbw + 4 * ((size_t)y0 * width + x0), *below = top + 4 * (size_t)width;
+    for (int k = 0; k < 3; k++)
+        out[k] = (1 - w) * ((1 - u) * top[k] + u * top[4 + k]) + w * ((1 - u) * below[k] + u * below[4 + k]);
+    out[3] = fminf(fminf(top[3], top[7]), fminf(below[3], below[7]));
+}

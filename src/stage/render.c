@@ -77,6 +77,8 @@ static cn_status frame_key(render_job *j)
     j->key = cn_hash_text(key, "%s|%s|%.9g|%s|%.9g|%.9g|%u|%.9g|%d", j->view ? j->view : "", j->look ? j->look : "",
                           j->exposure_ev, cn_blend_name(c->scheme), c->exponent, c->reach, c->max_tiles,
                           c->min_visibility, (int)j->city->config.unseen);
+    for (int i = 0; i < 6 && j->options->crop_m; i++)
+        j->key = cn_hash_text(j->key, "crop %.17g", j->options->crop_m[i]);
     return CN_OK;
 }
 
@@ -124,8 +126,10 @@ static cn_status write_frame(const render_job *j, const cn_path_frame *frame, co
         files->exr, &(cn_oiio_exr){ picture->rgba, picture->depth, picture->width, picture->height, layers }, list));
     CN_TRY(cn_aov_write_pngs(&made->aovs, files->png, j->renderer->tiles.radii[0], list));
     const cn_display_transform transform = { .view = j->view, .look = j->look, .exposure_ev = j->exposure_ev };
+    /* Beside a crop, what is not there was taken away, and is not to be filled. */
+    const cn_unseen unseen = j->options->crop_m ? CN_UNSEEN_BLACK : j->city->config.unseen;
     float *display;
-    CN_TRY(cn_renderer_display(j->colour, &transform, j->city->config.unseen, picture, &display));
+    CN_TRY(cn_renderer_display(j->colour, &transform, unseen, picture, &display));
     const cn_status status = cn_oiio_write_png(files->png, display, picture->width, picture->height, 3, list);
     free(display);
     return status;
@@ -364,6 +368,7 @@ static cn_status work(const cn_context *ctx, cn_city *city, const cn_city_render
     render_job j = {
         .ctx = ctx, .city = city, .options = options, .render = cn_render_options_default(), .look_only = out != NULL
     };
+    j.render.crop_m = options->crop_m;
     j.view = options->view ? options->view : city->config.view;
     j.look = options->look ? options->look : city->config.look;
     j.exposure_ev = city->config.exposure_ev + options->exposure_ev;

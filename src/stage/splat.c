@@ -4,6 +4,7 @@
 #include "base/file.h"
 #include "conurb/measure.h"
 #include "math/linalg.h"
+#include "pose/lens.h"
 #include "splat/packed.h"
 #include "splat/splat_tiles.h"
 
@@ -121,25 +122,17 @@ static cn_status render_field(const cn_context *ctx, const cn_city_splats *city,
     return status;
 }
 
-/* The photo at the places of a pinhole's pixels, between four of its own. */
+/* The photo at the places of a pinhole's pixels. */
 static void straighten(scored_view *v, const cn_camera *from, const float *rgbw)
 {
-    const uint32_t width = from->width, height = from->height;
+    const uint32_t width = v->camera.width;
     for (size_t i = 0; i < v->n; i++) {
-        double dir[3], px[2];
-        v->weight[i] = 0;
-        if (cn_camera_unproject(&v->camera, (double)(i % width) + 0.5, (double)(i / width) + 0.5, dir) != CN_OK ||
-            !cn_camera_project(from, dir, px))
-            continue;
-        const double x = px[0] - 0.5, y = px[1] - 0.5;
-        if (!(x >= 0 && y >= 0 && x <= width - 1 && y <= height - 1)) continue;
-        const uint32_t x0 = (uint32_t)fmin(x, width - 2), y0 = (uint32_t)fmin(y, height - 2);
-        const float u = (float)(x - x0), w = (float)(y - y0);
-        const float *top = rgbw + 4 * ((size_t)y0 * width + x0), *below = top + 4 * (size_t)width;
-        for (int k = 0; k < 3; k++)
-            v->photo[3 * i + (size_t)k] =
-                (1 - w) * ((1 - u) * top[k] + u * top[4 + k]) + w * ((1 - u) * below[k] + u * below[4 + k]);
-        v->weight[i] = fminf(fminf(top[3], top[7]), fminf(below[3], below[7]));
+        double dir[3];
+        float seen[4] = { 0 };
+        if (cn_camera_unproject(&v->camera, (double)(i % width) + 0.5, (double)(i / width) + 0.5, dir) == CN_OK)
+            cn_camera_look_up(from, rgbw, dir, seen);
+        memcpy(v->photo + 3 * i, seen, 3 * sizeof *seen);
+        v->weight[i] = seen[3];
     }
 }
 

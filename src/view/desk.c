@@ -2,11 +2,15 @@
 
 #include "base/file.h"
 #include "bridge/oiio.h"
+#include "base/units.h"
 #include "image/image.h"
+#include "pose/lens.h"
+#include "pose/scene.h"
 #include "view/facts.h"
 #include "view/frame.h"
 #include "view/saved.h"
 
+#include <math.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -54,6 +58,28 @@ static cn_status shrink_and_encode(const cn_desk *k, const cn_ask *ask, float *p
     return status;
 }
 
+/* The photo as a pinhole in the middle of it would have taken it, which is how the page draws; black where its lens saw
+ * nothing. *pixels is replaced. */
+static cn_status straighten(const cn_scene *scene, const char *name, float **pixels, cn_pixel_extent size)
+{
+    const int64_t view = cn_scene_find_view(scene, name);
+    const size_t n = (size_t)size.width * size.height;
+    if (view < 0 || size.width < 2 || size.height < 2) return CN_OK;
+    cn_camera lens;
+    cn_camera_resize(&scene->cameras[scene->views[view].camera], size.width, size.height, &lens);
+    const double focal_px = size.height / (2 * tan(cn_radians(cn_camera_vfov_deg(&lens)) / 2));
+    float *straight = malloc(4 * n * sizeof *straight);
+    if (!straight) return cn_fail(CN_ERR_NOMEM, "out of memory for the photo %s", name);
+    for (size_t i = 0; i < n; i++) {
+        const double x = (double)(i % size.width) + 0.5, y = (double)(i / size.width) + 0.5;
+        const double dir[3] = { (x - size.width / 2.0) / focal_px, (y - size.height / 2.0) / focal_px, 1 };
+        cn_camera_look_up(&lens, *pixels, dir, straight + 4 * i);
+    }
+    free(*pixels);
+    *pixels = straight;
+    return CN_OK;
+}
+
 static cn_status make_photo(const cn_desk *k, const cn_ask *ask, uint8_t **jpeg, size_t *size)
 {
     const cn_dataset *d = k->dataset;
@@ -65,6 +91,7 @@ static cn_status make_photo(const cn_desk *k, const cn_ask *ask, uint8_t **jpeg,
     float *pixels = malloc((size_t)full.width * full.height * 4 * sizeof *pixels);
     if (!pixels) return cn_fail(CN_ERR_NOMEM, "out of memory for the photo %s", ask->name);
     cn_status status = cn_pixel_store_read(d->pixels, (uint32_t)photo, pixels);
+    if (status == CN_OK && ask->straight) status = straighten(&d->scene, ask->name, &pixels, full);
     if (status == CN_OK) status = shrink_and_encode(k, ask, pixels, full, jpeg, size);
     free(pixels);
     return status;
@@ -179,10 +206,11 @@ static cn_status answer_saved(const cn_desk *k, const cn_question *q)
 static cn_status answer_city(cn_desk *k, const cn_question *q)
 {
     cn_session_send_json(q->session, q->visit, "city", q->ask.id, cn_facts_city(k->city, k->dataset, k->colour));
-    /* A page that has just connected does not know the state yet. */
+    /* A page that has just connected does not know the state yet, nor what became of a film while it was away. */
     pthread_mutex_lock(&k->lock);
     free(k->said);
     k->said = NULL;
+    if (k->reported) cn_session_send(q->session, q->visit, cn_out_create(k->reported, strlen(k->reported), false, -1));
     pthread_mutex_unlock(&k->lock);
     return CN_OK;
 }
@@ -229,7 +257,7 @@ static void say_state(cn_desk *k)
         k->said = strdup(text);
     }
     pthread_mutex_unlock(&k->lock);
-    if (news) cn_live_send_all(k->live, text);
+    if (news) cn_live_send_all(k->live, text, CN_SLOT_STATE);
     free(text);
 }
 
@@ -336,6 +364,7 @@ void cn_desk_close(cn_desk *k)
         cn_ask_deinit(&k->waiting[(k->first + i) % CN_DESK_MAX].ask);
     cn_ask_deinit(&k->film.ask);
     free(k->said);
+    free(k->reported);
     pthread_cond_destroy(&k->film_changed);
     pthread_cond_destroy(&k->changed);
     pthread_mutex_destroy(&k->lock);

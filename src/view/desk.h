@@ -31,6 +31,7 @@ typedef struct cn_desk {
     bool film_asked, film_runs;
     int film_stop; /* by cn_stop */
     double film_said_s;
+    char *reported; /* the last report of a film or a fit, or NULL */
     pthread_t thread, film_thread;
     bool started, film_started;
 } cn_desk;

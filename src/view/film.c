@@ -13,16 +13,33 @@
 
 enum { CN_FILM_SHOWN = 48 << 20 }; /* bytes of a film that a page can play, at most */
 
-static void say(cn_desk *k, const char *state, const char *name, json_t *more)
+/* The caller frees it; NULL when out of memory. Takes ownership of more, which may be NULL. */
+static char *report(const cn_ask *ask, const char *state, json_t *more)
 {
     json_t *root = more ? more : json_object();
-    json_object_set_new(root, "type", json_string(k->film.ask.kind == CN_ASK_FIT ? "fit" : "film"));
+    json_object_set_new(root, "type", json_string(ask->kind == CN_ASK_FIT ? "fit" : "film"));
     json_object_set_new(root, "state", json_string(state));
-    json_object_set_new(root, "name", json_string(name));
+    json_object_set_new(root, "name", json_string(ask->name));
     char *text = json_dumps(root, JSON_COMPACT);
     json_decref(root);
-    if (text) cn_live_send_all(k->live, text);
-    free(text);
+    return text;
+}
+
+/* Under the lock, so that a page that asks for the city meanwhile gets the newest report last. Takes ownership of text.
+ */
+static void say(cn_desk *k, char *text, int slot)
+{
+    if (text) cn_live_send_all(k->live, text, slot);
+    free(k->reported);
+    k->reported = text;
+}
+
+static void say_running(cn_desk *k, json_t *more)
+{
+    char *text = report(&k->film.ask, "running", more);
+    pthread_mutex_lock(&k->lock);
+    say(k, text, CN_SLOT_PROGRESS);
+    pthread_mutex_unlock(&k->lock);
 }
 
 static void on_progress(void *user, const cn_progress_report *r)
@@ -32,8 +49,8 @@ static void on_progress(void *user, const cn_progress_report *r)
     const double now_s = cn_now_s();
     if (now_s - k->film_said_s < 1.0 / PER_S) return;
     k->film_said_s = now_s;
-    say(k, "running", k->film.ask.name,
-        json_pack("{s:s, s:f, s:f, s:f}", "stage", r->stage, "done", r->done, "total", r->total, "left_s", r->left_s));
+    say_running(k, json_pack("{s:s, s:f, s:f, s:f}", "stage", r->stage, "done", r->done, "total", r->total, "left_s",
+                             r->left_s));
 }
 
 static cn_status make(cn_desk *k, const cn_context *ctx, const cn_ask *ask, char **out)
@@ -46,6 +63,8 @@ static cn_status make(cn_desk *k, const cn_context *ctx, const cn_ask *ask, char
                                              .view = ask->display_view[0] ? ask->display_view : NULL,
                                              .look = ask->look[0] ? ask->look : NULL,
                                              .exposure_ev = ask->exposure_ev,
+                                             .blend = ask->blend[0] ? ask->blend : NULL,
+                                             .crop_m = ask->cropped ? ask->crop_m : NULL,
                                              .width_px = ask->width };
     cn_status status = path && *out ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
     cn_city *city = NULL;
@@ -59,32 +78,31 @@ static cn_status make(cn_desk *k, const cn_context *ctx, const cn_ask *ask, char
 }
 
 /* A path of a single view gives a picture and no film. */
-static void say_done(cn_desk *k, const char *name, const char *folder)
+static char *report_done(const cn_ask *ask, const char *folder)
 {
     char *film = folder ? cn_format("%s/flight.mp4", folder) : NULL;
     const bool there = film && cn_file_exists(film);
-    say(k, "done", name, json_pack("{s:s, s:b}", "folder", folder ? folder : "", "film", (int)there));
     free(film);
+    return report(ask, "done", json_pack("{s:s, s:b}", "folder", folder ? folder : "", "film", (int)there));
 }
 
-static void make_film(cn_desk *k)
+/* Returns the report of how it ended. */
+static char *make_film(cn_desk *k)
 {
     cn_context ctx = {
         .progress = on_progress, .user = k, .stop = &k->film_stop, .device = k->live->renderer->ctx.device
     };
     const cn_ask *ask = &k->film.ask;
     char *out = NULL;
-    say(k, "running", ask->name, NULL);
+    say_running(k, NULL);
     cn_status status = cn_pool_create(&ctx.pool, k->film_threads);
     if (status == CN_OK) status = ask->kind == CN_ASK_FIT ? cn_desk_fit(k, &ctx) : make(k, &ctx, ask, &out);
     cn_pool_destroy(&ctx.pool);
-    if (status == CN_OK)
-        say_done(k, ask->name, out);
-    else
-        say(k, status == CN_ERR_INTERRUPTED ? "stopped" : "failed", ask->name,
-            json_pack("{s:s}", "text", cn_error_message()));
+    char *end = status == CN_OK ? report_done(ask, out)
+                                : report(ask, status == CN_ERR_INTERRUPTED ? "stopped" : "failed",
+                                         json_pack("{s:s}", "text", cn_error_message()));
     free(out);
-    cn_ask_deinit(&k->film.ask);
+    return end;
 }
 
 /* The whole file goes in one message; a page that asks for a film that is too long is told where it is. */
@@ -121,9 +139,11 @@ void *cn_desk_film_work(void *user)
         k->film_asked = false;
         k->film_runs = true;
         pthread_mutex_unlock(&k->lock);
-        make_film(k);
+        char *end = make_film(k);
         pthread_mutex_lock(&k->lock);
-        k->film_runs = false;
+        cn_ask_deinit(&k->film.ask);
+        k->film_runs = false; /* whoever reads of the end can ask for the next one */
+        say(k, end, -1);
     }
     pthread_mutex_unlock(&k->lock);
     return NULL;

@@ -46,6 +46,13 @@ static uint8_t *make_grid(const cn_picture *p, uint32_t size[2])
     return grid;
 }
 
+/* Of the pixel in the middle, not rounded as the grid's are; 0: nothing is there. */
+static double middle_depth(const cn_picture *p)
+{
+    const size_t i = (size_t)(p->height / 2) * p->width + p->width / 2;
+    return p->rgba[4 * i + 3] >= 0.5f ? (double)p->depth[i] : 0;
+}
+
 static cn_status encode_channel(const cn_ask *ask, const cn_render_result *result, uint8_t **jpeg, size_t *size,
                                 double range[2])
 {
@@ -81,6 +88,7 @@ cn_status cn_frame_make(const cn_ask *ask, const cn_render_result *result, doubl
     json_t *head = make_head(ask, result, since_s, grid_size);
     cn_status status = grid && head ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for a picture's message");
     if (status == CN_OK && range[1] > 0) json_object_set_new(head, "range", json_pack("[ff]", range[0], range[1]));
+    if (status == CN_OK && probe) json_object_set_new(head, "metres", json_real(middle_depth(result->picture)));
     const cn_frame_data data = { own ? own : result->encoded, size, grid, (size_t)grid_size[0] * grid_size[1] * 2 };
     if (status == CN_OK) status = cn_frame_join(head, &data, (int)ask->slot, out);
     json_decref(head);

@@ -3,7 +3,7 @@
  * A message is the length of its head (4 bytes, little endian), the head (JSON), the JPEG, and the depths: half floats,
  * metres along the ray, row by row, 0 where nothing is. The head has type ("frame"), id, slot, pass, last, width,
  * height, jpeg (bytes), grid ([columns, rows]), tile and ms (since it was asked for); for depth the range [near, far]
- * in metres, and for coverage [0, most] in photos, too. */
+ * in metres, and for coverage [0, most] in photos, too; for a depth query, metres: the depth in the middle. */
 #ifndef CONURB_VIEW_FRAME_H
 #define CONURB_VIEW_FRAME_H
 #include "conurb/renderer.h"

@@ -7,7 +7,7 @@ enum { CN_OUT_ROOM = 32 }; /* bytes before a message that the WebSocket library 
 
 typedef struct cn_out {
     struct cn_out *next;
-    int slot; /* an unsent picture is replaced by the next one of its slot; -1: never */
+    int slot; /* an unsent message is replaced by the next one of its slot; -1: never */
     bool binary;
     size_t size;
     uint8_t *bytes; /* CN_OUT_ROOM free bytes, then the message */

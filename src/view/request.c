@@ -133,6 +133,13 @@ static cn_status take_appearance(const json_t *root, cn_ask *ask)
     return CN_OK;
 }
 
+/* What of the city is shown: of a picture and a film. */
+static cn_status take_scene(const json_t *root, cn_ask *ask)
+{
+    CN_TRY(take_crop(root, ask));
+    return take_text(root, "blend", ask->blend, sizeof ask->blend);
+}
+
 /* How light is shown: of a picture, a film and a photo. */
 static cn_status take_display(const json_t *root, cn_ask *ask)
 {
@@ -146,8 +153,7 @@ static cn_status take_picture(const json_t *root, cn_ask *ask)
     ask->moving = json_is_true(json_object_get(root, "moving"));
     CN_TRY(take_camera(root, ask));
     CN_TRY(take_channel(root, &ask->channel));
-    CN_TRY(take_crop(root, ask));
-    CN_TRY(take_text(root, "blend", ask->blend, sizeof ask->blend));
+    CN_TRY(take_scene(root, ask));
     CN_TRY(take_text(root, "photo", ask->photo, sizeof ask->photo));
     return take_display(root, ask);
 }
@@ -173,20 +179,22 @@ static cn_status take_members(const json_t *root, cn_ask *ask)
 {
     char type[16] = "";
     size_t i = 0;
+    CN_TRY(take_whole(root, "id", 0, UINT32_MAX, &ask->id)); /* first: the answer to a faulty request names it, too */
     CN_TRY(take_text(root, "type", type, sizeof type));
     while (i < sizeof kinds / sizeof *kinds && strcmp(kinds[i].name, type) != 0)
         i++;
     if (i == sizeof kinds / sizeof *kinds) return cn_fail(CN_ERR_USAGE, "message: no type is named '%s'", type);
     ask->kind = kinds[i].kind;
-    CN_TRY(take_whole(root, "id", 0, UINT32_MAX, &ask->id));
     CN_TRY(take_whole(root, "slot", 0, CN_ASK_SLOTS - 1, &ask->slot));
     CN_TRY(take_text(root, "name", ask->name, sizeof ask->name));
     CN_TRY(take_appearance(root, ask));
     if (ask->kind == CN_ASK_VIEW) return take_picture(root, ask);
     if (ask->kind == CN_ASK_SAVE || ask->kind == CN_ASK_LIST || ask->kind == CN_ASK_LOAD) return take_saved(root, ask);
     CN_TRY(take_whole(root, "width", 16, CN_ASK_MAX_SIDE, &ask->width));
+    ask->straight = json_is_true(json_object_get(root, "straight"));
     CN_TRY(take_whole(root, "frame", 0, 99999, &ask->frame));
     if (ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_PHOTO) CN_TRY(take_display(root, ask));
+    if (ask->kind == CN_ASK_FILM) CN_TRY(take_scene(root, ask));
     if ((ask->kind == CN_ASK_FILM || ask->kind == CN_ASK_FILM_SHOW) && !cn_ask_name_is_safe(ask->name))
         return cn_fail(CN_ERR_USAGE, "message: no path is named '%s'", ask->name);
     return CN_OK;
@@ -245,11 +253,7 @@ cn_status cn_ask_parse_upload(cn_ask *ask, const uint8_t *message, size_t size)
     json_t *root = json_loadb((const char *)message + HEAD, n, JSON_REJECT_DUPLICATES, NULL);
     const cn_status status = take_upload(root, ask, message + HEAD + n, size - HEAD - n);
     json_decref(root);
-    if (status != CN_OK) {
-        const uint32_t id = ask->id;
-        cn_ask_deinit(ask);
-        ask->id = id; /* for the answer */
-    }
+    if (status != CN_OK) cn_ask_deinit(ask);
     return status;
 }
 

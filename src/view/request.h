@@ -50,13 +50,14 @@ typedef struct cn_ask {
     cn_channel channel;
     double exposure_ev;
     bool cropped;
-    double crop_m[6]; /* as in cn_render_options */
-    char appearance[2048], blend[32];
-    char display_view[64], look[64]; /* these and exposure_ev: of a film and a photo too */
+    double crop_m[6];                 /* as in cn_render_options */
+    char appearance[2048], blend[32]; /* these and the crop: of a film too */
+    char display_view[64], look[64];  /* these and exposure_ev: of a film and a photo too */
     char photo[256]; /* "", or the photo whose pose and lens the picture has, instead of the ones above */
     /* of photo, tile, path or light */
     char name[256];
     uint32_t width;     /* of a photo or a film */
+    bool straight;      /* CN_ASK_PHOTO: without the distortion of its lens */
     uint32_t frame;     /* CN_ASK_FILM_SHOW: this one of its pictures, from 1; 0: the film */
     bool is_appearance; /* CN_ASK_SAVE, CN_ASK_LIST, CN_ASK_LOAD: a light, else a path */
     json_t *data;       /* CN_ASK_SAVE */
@@ -65,7 +66,7 @@ typedef struct cn_ask {
 } cn_ask;
 
 /* Parses a message; the caller deinits the result. CN_ERR_USAGE: the message says what is wrong; then there is nothing
- * to free. */
+ * to free, and id is the request's, or 0 where it has none. */
 CN_NODISCARD cn_status cn_ask_parse(cn_ask *ask, const char *text, size_t size);
 /* The same for a binary message. Copies the file. */
 CN_NODISCARD cn_status cn_ask_parse_upload(cn_ask *ask, const uint8_t *message, size_t size);

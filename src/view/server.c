@@ -11,7 +11,7 @@
 
 _Static_assert(CN_OUT_ROOM >= LWS_PRE, "messages keep too little room for libwebsockets");
 
-enum { CHUNK = 16384, TICK_US = 200000 };
+enum { CHUNK = 16384, PIECE = 65536 /* of a message, at most */, TICK_US = 200000 };
 
 struct cn_server {
     struct lws_context *context;
@@ -35,6 +35,8 @@ typedef struct connection {
     char *message;       /* the part received so far */
     size_t length, room;
     bool refused; /* the message is a photo, and is not taken; its end is waited for */
+    cn_out *out;  /* the message that is being sent, and how much of it was */
+    size_t at;
 } connection;
 
 /* ---- access control ---- */
@@ -171,7 +173,7 @@ static void take_message(const cn_server *s, connection *c, bool binary)
     const cn_status status = binary ? cn_ask_parse_upload(&ask, (const uint8_t *)c->message, c->length)
                                     : cn_ask_parse(&ask, c->message, c->length);
     if (status != CN_OK) {
-        cn_session_send_failure(c->session, cn_session_visit(c->session), binary ? ask.id : 0, cn_error_message());
+        cn_session_send_failure(c->session, cn_session_visit(c->session), ask.id, cn_error_message());
         return;
     }
     if (ask.kind == CN_ASK_VIEW)
@@ -243,23 +245,36 @@ static int on_receive(cn_server *s, struct lws *wsi, connection *c, const void *
     return 0;
 }
 
+/* Sends a piece of a message. Between two pieces pings find their way. */
 static int on_writable(struct lws *wsi, connection *c)
 {
-    bool more;
     if (!c->session) return 0;
-    cn_out *out = cn_session_next(c->session, &more);
-    if (!out) return 0;
-    const enum lws_write_protocol kind = out->binary ? LWS_WRITE_BINARY : LWS_WRITE_TEXT;
-    const bool sent = lws_write(wsi, out->bytes + CN_OUT_ROOM, out->size, kind) >= (int)out->size;
-    cn_out_destroy(out);
-    if (!sent) return -1;
-    if (more) lws_callback_on_writable(wsi);
+    if (!c->out) {
+        c->out = cn_session_next(c->session);
+        c->at = 0;
+    }
+    if (!c->out) return 0;
+    const size_t left = c->out->size - c->at, n = left < PIECE ? left : PIECE;
+    const bool first = c->at == 0, last = n == left;
+    /* There is room for another piece because the page has read: it is there, however long the message takes. */
+    if (!first) lws_validity_confirmed(wsi);
+    const int kind = lws_write_ws_flags(c->out->binary ? LWS_WRITE_BINARY : LWS_WRITE_TEXT, first, last);
+    /* What the library writes before a piece is over what was sent already. */
+    if (lws_write(wsi, c->out->bytes + CN_OUT_ROOM + c->at, n, (enum lws_write_protocol)kind) < (int)n) return -1;
+    c->at += n;
+    if (last) {
+        cn_out_destroy(c->out);
+        c->out = NULL;
+    }
+    lws_callback_on_writable(wsi); /* another piece or message may wait */
     return 0;
 }
 
 static void on_close(cn_server *s, connection *c)
 {
     end_message(s, c);
+    cn_out_destroy(c->out);
+    c->out = NULL;
     if (!c->session) return;
     s->pages[c->session->index] = NULL;
     cn_session_leave(c->session);

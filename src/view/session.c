@@ -71,7 +71,7 @@ void cn_session_send_failure(cn_session *s, uint32_t visit, uint32_t id, const c
     cn_session_send_json(s, visit, "failed", id, json_pack("{s:s}", "text", text));
 }
 
-void cn_live_send_all(cn_live *live, const char *text)
+void cn_live_send_all(cn_live *live, const char *text, int slot)
 {
     for (uint32_t i = 0; i < CN_SESSION_MAX; i++) {
         cn_session *s = &live->sessions[i];
@@ -79,11 +79,11 @@ void cn_live_send_all(cn_live *live, const char *text)
         const bool taken = s->taken;
         const uint32_t visit = s->visit;
         pthread_mutex_unlock(&s->lock);
-        if (taken) cn_session_send(s, visit, cn_out_create(text, strlen(text), false, -1));
+        if (taken) cn_session_send(s, visit, cn_out_create(text, strlen(text), false, slot));
     }
 }
 
-cn_out *cn_session_next(cn_session *s, bool *more)
+cn_out *cn_session_next(cn_session *s)
 {
     pthread_mutex_lock(&s->lock);
     cn_out *out = s->first;
@@ -92,7 +92,6 @@ cn_out *cn_session_next(cn_session *s, bool *more)
         s->n_out--;
         s->out_bytes -= out->size;
     }
-    *more = s->first != NULL;
     pthread_mutex_unlock(&s->lock);
     return out;
 }

@@ -13,6 +13,9 @@ enum {
     CN_OUT_MAX = 64,            /* messages that may wait for a page at most, */
     CN_OUT_MAX_BYTES = 64 << 20 /* and their bytes; a page that exceeds either is disconnected */
 };
+/* Slots of messages to every page, beside those of pictures. Only the newest of them counts: they do not pile up for a
+ * page that reads slowly. */
+enum { CN_SLOT_STATE = CN_ASK_SLOTS, CN_SLOT_PROGRESS };
 
 typedef struct cn_session cn_session;
 /* A picture in progress. */
@@ -57,11 +60,11 @@ void cn_session_send(cn_session *session, uint32_t visit, cn_out *out);
 void cn_session_send_json(cn_session *session, uint32_t visit, const char *type, uint32_t id, json_t *root);
 /* {"type": "failed", "text": ...} */
 void cn_session_send_failure(cn_session *session, uint32_t visit, uint32_t id, const char *text);
-/* To every page. */
-void cn_live_send_all(cn_live *live, const char *text);
+/* To every page. slot: as in cn_out. */
+void cn_live_send_all(cn_live *live, const char *text, int slot);
 uint32_t cn_live_count(cn_live *live);
-/* The next message, which the caller destroys; NULL when none waits. *more: whether another does. */
-cn_out *cn_session_next(cn_session *session, bool *more);
+/* The next message, which the caller destroys; NULL when none waits. */
+cn_out *cn_session_next(cn_session *session);
 /* Whether too many messages wait, so that the page must be disconnected. */
 bool cn_session_overrun(cn_session *session);
 uint32_t cn_session_visit(cn_session *session);

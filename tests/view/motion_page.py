@@ -9,7 +9,7 @@ import time
 
 from browser import Browser, find_chromium
 from client import Server
-from controls import pixels, pose, rest
+from controls import look, pixels, pose, rest
 
 if not find_chromium():
     print("SKIP: there is no Chromium here; apt-get install chromium")
@@ -161,6 +161,54 @@ def it_warps_in_between(browser):
     check(pose(browser) == at, "the camera stays where it was left")
 
 
+def nearer_between_pictures(browser):
+    """Who turns the wheel before a picture comes does not fly through what is ahead; what is orbited stays the same."""
+    browser.run("conurb.picture.most = 160; conurb.camera.setPose(conurb.city.views[0])")
+    rest(browser)
+    browser.run(HOLD)
+    ahead = browser.run("conurb.camera.depthAt(0, 0)")
+    moved, left = browser.run("""(() => { const { camera, geometry } = conurb, from = camera.state().centre;
+        for (let i = 0; i < 6; i++) camera.approach(0.5);
+        return [geometry.norm(geometry.sub(camera.centre, from)), camera.depthAt(0, 0)]; })()""")
+    check(0.5 * ahead < moved < ahead, f"six turns of the wheel towards what is {ahead:.2f} m away move {moved:.2f} m")
+    check(abs(ahead - moved - left) < 0.02 * ahead, f"then it is {left:.2f} m away")
+    browser.run("conurb.camera.setPose(conurb.city.views[0]); conurb.camera.pickTarget(); conurb.camera.turn(25, 5)")
+    left = browser.run("conurb.camera.depthAt(0, 0)")
+    check(abs(left - ahead) < 0.1 * ahead, f"what the camera turns around stays {ahead:.2f} m away: {left:.2f} m")
+    browser.run(RELEASE)
+    rest(browser)
+
+
+def lost_and_restored(browser):
+    """A browser may lose what is in the graphics processor. The picture and what is drawn over it come back."""
+    browser.run("""conurb.stage.mark('cross', 'LINES', new Float32Array(((r) => [-1, 1].flatMap((k) =>
+        [...conurb.camera.centre.map((x, i) => x + r[6 + i] + k * r[i] / 4), 1, 0, 0]))(
+        conurb.geometry.rotationOf(conurb.camera.state()))))""")
+    before = look(browser)
+    browser.run("""conurb.lose = conurb.stage.gl.getExtension('WEBGL_lose_context'); conurb.lose.loseContext();
+        new Promise((yes) => setTimeout(yes, 300))""")
+    browser.run("conurb.lose.restoreContext()")
+    browser.wait("conurb.stage.frames[0]", 60)
+    rest(browser)
+    check(look(browser) == before, f"the same picture is back: {look(browser)}, not {before}")
+    check(browser.run("conurb.stage.gl.getError()") == 0, "WebGL reports no error")
+    browser.run("conurb.stage.unmark('cross')")
+
+
+def without_webgl():
+    browser = Browser(500, 400)
+    try:
+        browser.call("Page.addScriptToEvaluateOnNewDocument",
+                     source="HTMLCanvasElement.prototype.getContext = () => null")
+        browser.open(server.url)
+        browser.wait("!(globalThis.document?.getElementById('empty')?.hidden ?? true)", 30)
+        time.sleep(1)  # its first picture comes, and cannot be drawn
+        told = browser.run("document.getElementById('empty').textContent")
+        check("WebGL" in told and not browser.errors, f"a browser without WebGL is told: {told} {browser.errors}")
+    finally:
+        browser.close()
+
+
 LEAST_DB, GAIN_DB = 20, 3
 first_picture()
 server = Server(conurb, city)
@@ -168,11 +216,12 @@ page = Browser()
 try:
     page.open(server.url)
     page.wait("globalThis.conurb && conurb.shown", 60)
-    for part in (the_warp_is_right, it_warps_in_between):
+    for part in (the_warp_is_right, it_warps_in_between, nearer_between_pictures, lost_and_restored):
         begin = time.monotonic()
         part(page)
         print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
     check(not page.errors, f"the page logs no errors: {page.errors}")
+    without_webgl()
 finally:
     page.close()
     code, err = server.stop()

@@ -1,8 +1,10 @@
 """The page of `conurb view` in a headless Chromium, on the demo city: uses every control.
 page.py CONURB DEMO [FOLDER for screenshots]"""
 import json
+import math
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -136,6 +138,10 @@ def a_drawn_camera(browser):
 def channels(browser):
     browser.click("#tab-look")
     seen = {look(browser)[0]}
+    browser.run("""(() => { const box = [...document.querySelectorAll('#look label')].find((l) =>
+        l.textContent.startsWith('Sparse points')).firstChild; box.click(); box.click();
+        return conurb.link.ask('points'); })()""")
+    check(not browser.run("conurb.stage.marks.has('points')"), "points that are turned off meanwhile are not drawn")
     for channel in ("depth", "normal", "opacity", "tiles", "coverage", "occlusion"):
         choose(browser, "Show", channel)
         rest(browser)
@@ -176,6 +182,11 @@ def cropping(browser):
     choose(browser, "Up to", str(browser.run("conurb.picture.look.crop[2]") + 0.1))
     rest(browser)
     check(browser.run("conurb.picture.look.crop[5]") < high and look(browser)[1] < part[1], "a slider moves a face")
+    choose(browser, "East from", "1e6")
+    off = browser.run("""(() => { const label = [...document.querySelectorAll('label')].find((l) => l.textContent ===
+        'East from'), e = document.getElementById(label.htmlFor);
+        return Math.abs(e.value - conurb.picture.look.crop[0]) / e.step; })()""")
+    check(off <= 1, f"a face that meets the other one is shown where it is: {off} steps off")
     browser.click("#crop-off")
     rest(browser)
     check(look(browser)[0] == whole[0], "everything is there again")
@@ -295,6 +306,14 @@ def photos(browser):
     rest(browser)
     check(look(browser)[1] > 0.8, "the view of a photo shows the city")
     shoot(browser, "photo")
+    held = browser.run("conurb.city.views.find((v) => v.held_out).name")
+    for one in (name, held):
+        browser.run(f"conurb.light.more.push({{ light: 'mean', share: 0.5 }}); conurb.flyToPhoto('{one}')")
+        browser.click("#photo-light")
+        lit = browser.run("[conurb.picture.look.appearance, document.querySelector('#light select').value]")
+        check(lit == [one, one], f"a photo's light is that of the panel, too: {lit}")
+    browser.run("conurb.setLight('mean')")
+    rest(browser)
 
 
 def plan(browser):
@@ -343,6 +362,7 @@ def paths(browser):
     with open(file, encoding="utf-8") as text:
         check(len(json.load(text)["keyframes"]) == 3, "the path is saved")
     shoot(browser, "path")
+    as_its_film(browser)
     browser.run("[...document.querySelectorAll('#path button')].find((b) => b.textContent === 'Clear').click()")
     check(browser.run("conurb.path.keys().length") == 0, "the keyframes are cleared")
     browser.wait("[...document.querySelectorAll('#path button')].some((b) => b.textContent === 'tour')", 20)
@@ -351,16 +371,17 @@ def paths(browser):
     choose(browser, "Width", "160")
     browser.run("conurb.path.keys().splice(2); conurb.path.keys()[0].time = 0; conurb.path.keys()[1].time = 0.3")
     # The film has the settings of the picture.
-    browser.run("""conurb.picture.setLook({ exposure_ev: 0.5 }); conurb.link.send = function (type, fields) {
+    browser.run("""conurb.picture.setLook({ exposure_ev: 0.5, blend: 'ownership' });
+        conurb.link.send = function (type, fields) {
         if (type === 'film') conurb.asked = fields;
         return Object.getPrototypeOf(this).send.call(this, type, fields); }""")
     browser.click("#render-path")
     browser.wait("conurb.film && conurb.film.state !== 'running'", 300)
     check(browser.run("conurb.film.state") == "done", f"a film is rendered: {browser.run('conurb.film')}")
-    other = browser.run("""['appearance', 'display_view', 'look', 'exposure_ev'].filter((one) =>
+    other = browser.run("""['appearance', 'display_view', 'look', 'exposure_ev', 'blend', 'crop'].filter((one) =>
         conurb.asked[one] !== conurb.picture.look[one])""")
     check(not other, f"the film is as the picture, but for: {other}")
-    browser.run("delete conurb.link.send; conurb.picture.setLook({ exposure_ev: 0 })")
+    browser.run("delete conurb.link.send; conurb.picture.setLook({ exposure_ev: 0, blend: '' })")
     check(browser.run("conurb.jobFrame") >= 1, "its pictures are shown as they come")
     check(browser.run("document.getElementById('job-told').textContent") == "Film tour: done", "and that it is done")
     browser.run("document.getElementById('tab-look').click()")
@@ -374,6 +395,48 @@ def paths(browser):
     check(browser.run("document.querySelector('#film video').videoWidth") in (160, 0), "the film plays in the page")
     browser.middle("#film")
     shoot(browser, "film")
+    missed_the_end(browser)
+
+
+def as_its_film(browser):
+    """A path is played with the cameras that its film has: they turn far, and twice they stay where they are."""
+    keys = [{"time_s": i, "local": place, "heading_deg": h, "pitch_deg": p, "roll_deg": r, "vfov_deg": vfov}
+            for i, (place, h, p, r, vfov) in enumerate((
+                ([0, 0, 5], 10, -45, 0, 60), ([3, 1, 5], 160, -50, 20, 20), ([3, 1, 5], 250, 80, 0, 40),
+                ([9, 4, 7], 20, 10, -30, 90), ([9, 4, 7], 20, 10, -30, 90)))]
+    with open(f"{work}/turns.json", "w", encoding="utf-8") as file:
+        json.dump({"fps": 10, "keyframes": keys}, file)
+    subprocess.run([conurb, "export", city, "--camera", f"{work}/turns.chan", "--path", f"{work}/turns.json"],
+                   check=True, capture_output=True)
+    with open(f"{work}/turns.chan", encoding="utf-8") as file:
+        film = [[float(x) for x in line.split()] for line in file]
+    played = browser.run(f"""(() => {{ const keys = {json.dumps(keys)}.map((k) => ({{ time: k.time_s, state: {{
+        centre: k.local, heading: k.heading_deg, pitch: k.pitch_deg, roll: k.roll_deg, vfov: k.vfov_deg }} }}));
+        const n = {len(film)};
+        return [...Array(n).keys()].map((i) => {{ const s = conurb.path.stateAt(keys, 4 * i / (n - 1));
+          return {{ ...s, r: conurb.geometry.rotationOf(s) }}; }}); }})()""")
+    apart = [0, 0, 0]
+    for (_, x, y, z, *angles, vfov), here in zip(film, played):
+        (sx, cx), (sy, cy), (sz, cz) = ((math.sin(math.radians(a)), math.cos(math.radians(a))) for a in angles)
+        # The rotation is Ry Rx Rz; y is up and z south. The camera looks along -z, and its x is to the right.
+        ahead, right = (-sy * cx, sx, -cy * cx), (cy * cz + sy * sx * sz, cx * sz, -sy * cz + cy * sx * sz)
+        there = [(x, -z, y), *((v[0], -v[2], v[1]) for v in (right, ahead))]
+        ours = [here["centre"], here["r"][:3], here["r"][6:]]
+        apart[0] = max(apart[0], math.dist(there[0], ours[0]))
+        apart[1] = max(apart[1], math.dist(there[1], ours[1]), math.dist(there[2], ours[2]))
+        apart[2] = max(apart[2], abs(vfov - here["vfov"]))
+    check(len(film) > 30 and max(apart) < 1e-3, f"a path is played as its film: {apart} apart in {len(film)} frames")
+
+
+def missed_the_end(browser):
+    """A page whose line broke while a film was made is told how it ended. What the server does not make is hidden."""
+    told = "[document.getElementById('job').hidden, document.getElementById('job-told').textContent]"
+    for name, then in (("tour", [False, "Film tour: done"]), ("gone", [True, "Film gone: it begins"])):
+        browser.run(f"conurb.link.say('film', {{ state: 'running', name: '{name}' }})")
+        check(browser.run(told) == [False, f"Film {name}: it begins"], "a film that runs is shown")
+        browser.run("conurb.link.socket.close()")
+        browser.wait(f"JSON.stringify({told}) === JSON.stringify({json.dumps(then)})", 30)
+    rest(browser)
 
 
 def on_the_time_line(browser):
@@ -406,6 +469,9 @@ def kept_in_the_address(browser):
     near = browser.run("conurb.camera.centre")
     check(all(abs(a - b) < 2e-3 for a, b in zip(at["centre"], near)), f"a reload comes back to {at}, not {near}")
     rest(browser)
+    browser.run("location.hash = '#1,2,30,40,-50,0,60'")
+    browser.wait("conurb.camera.centre[2] === 30 && conurb.camera.heading === 40", 20)  # an address that is pasted
+    fly_home(browser)
 
 
 def broken(browser):

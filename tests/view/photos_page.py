@@ -127,6 +127,11 @@ def a_photo(browser):
     check(bright[1] > bright[0] + 10, f"a photo is shown with the exposure of its render: {bright}")
     browser.run("conurb.picture.setLook({exposure_ev: 0})")
     browser.run("conurb.compare(null)")
+    browser.run("""(() => { document.getElementById('photo-beside').click();
+        conurb.flyToPhoto(conurb.city.views[1].name);
+        return conurb.link.ask('photo', { name: conurb.city.views[0].name, width: 16 }); })()""")
+    rest(browser)
+    check(browser.run("!conurb.stage.frames[1]"), "a photo that comes after another was chosen is not shown")
     many_photos(browser)
 
 

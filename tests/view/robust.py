@@ -6,6 +6,7 @@ import random
 import re
 import shutil
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import tempfile
 import threading
 import time
 
-from cities import change, made_city, quiet_run
+from cities import change, made_city, new_city, quiet_run
 from client import Page, Server, http
 
 conurb, demo, make_photos = sys.argv[1:4]
@@ -196,6 +197,30 @@ def slow_upload():
     page.close()
 
 
+def slow_download():
+    """A film over a slow line: a ping is answered between its pieces, and the page is not cut off."""
+    size, rate, answer = 18000000, 3e5 if LONG else 1e9, b"\x8a\x06there?"
+    os.makedirs(f"{city}/renders/slow")
+    with open(f"{city}/renders/slow/flight.mp4", "wb") as file:
+        file.write(bytes(size))
+    page = Page(server)
+    page.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 17)
+    page.send("film_show", name="slow")
+    page.fill()
+    page.send_raw(b"there?", opcode=9)
+    begin, got, answered, end = time.monotonic(), len(page.rest), 0, b""
+    while got < size:
+        time.sleep(max(got / rate - (time.monotonic() - begin), 0))
+        piece = page.socket.recv(1 << 16)
+        if not piece:
+            break
+        got, end = got + len(piece), end[-len(answer):] + piece
+        answered = answered or (got if answer in end else 0)
+    check(got >= size, f"a page that reads slowly stays: {got} bytes in {time.monotonic() - begin:.0f} s")
+    check(0 < answered < size / 2, f"a ping is answered after {answered} of {size} bytes")
+    page.close()
+
+
 def random_bytes():
     rng = random.Random(7)
     for i in range(120):
@@ -334,6 +359,27 @@ def as_it_grows():
     check(server.stop()[0] == 0, "the server ends well")
 
 
+def without_its_lens():
+    """A photo to lie beside its render, which is a pinhole's: its lens bends lines inwards at the edges."""
+    pictures = []
+    for bent in (0, 0.5):
+        folder = new_city(conurb, make_photos, f"{work}/lens{bent}", "none")
+        with open(f"{folder}-photos/transforms.json", encoding="utf-8") as file:
+            poses = json.load(file)
+        with open(f"{folder}-photos/transforms.json", "w", encoding="utf-8") as file:
+            json.dump({**poses, "k1": bent}, file)
+        quiet_run([conurb, "poses", folder])
+        quiet_run([conurb, "plan", folder])
+        one = Server(conurb, folder)
+        page = Page(one)
+        name = page.ask("city")[0]["views"][0]["name"]
+        pictures.append([page.ask("photo", name=name, straight=straight)[1] for straight in (False, True)])
+        page.close()
+        one.stop()
+    (plain, same), (bent, straight) = pictures
+    check(plain == same == bent and straight != bent, "a photo is straightened as far as its lens bends")
+
+
 def page_of_files(folder):
     """`export --page`: the files that index.html refers to exist, and no other host is contacted."""
     out = f"{work}/page"
@@ -368,13 +414,13 @@ try:
     quiet = server.sockets()
     http(server)
     for part in (many_viewers, too_many_viewers, leaving_in_mid_frame, who_do_not_read, half_requests,
-                 too_many_connections, one_after_another, slow_upload, random_bytes, broken_tile):
+                 too_many_connections, one_after_another, slow_upload, slow_download, random_bytes, broken_tile):
         timed(part)
         serves(part.__name__)
 finally:
     code, err = server.stop()
 check(code == 0, f"the server ends with 0, not {code}: {err[-3000:]}")
-for part in (killed_while_saving, while_it_trains, as_it_grows, beside_training):
+for part in (killed_while_saving, while_it_trains, as_it_grows, beside_training, without_its_lens):
     timed(part)
 shutil.rmtree(work)
 print(f"{len(failed)} failed")

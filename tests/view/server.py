@@ -180,21 +180,20 @@ def saving():
 
 
 def made_film(page, **fields):
-    """Makes a film of the saved path; what the server says at its end. It may be a moment before the next one begins.
-    """
-    for _ in range(200):
-        page.send("film", name="round", width=32, **fields)
-        done = page.until(lambda h: h["type"] == "failed" or h["type"] == "film" and h["state"] != "running", 300)[0]
-        if done["type"] == "film" or "already" not in str(done):
-            break
-        time.sleep(0.05)
-    return done
+    """Makes a film of the saved path; what the server says at its end."""
+    page.send("film", name="round", width=32, **fields)
+    return page.until(lambda h: h["type"] == "failed" or h["type"] == "film" and h["state"] != "running", 300)[0]
 
 
 def films():
     page = Page(server)
     done = made_film(page)
     check(done["state"] == "done" and os.path.exists(f"{city}/renders/round/flight.mp4"), f"a film is made: {done}")
+    late = Page(server)
+    late.send("city")
+    again = late.until(lambda h: h["type"] == "film")[0]
+    check(again == done, f"a page that was away is told how it ended: {again}")
+    late.close()
     film = page.ask("film_show", name="round")[2]
     with open(f"{city}/renders/round/flight.mp4", "rb") as file:
         check(film == file.read(), "the page gets the film")
@@ -208,7 +207,11 @@ def films():
     done = made_film(page, exposure_ev=2, display_view="Raw")
     check(done["state"] == "done" and page.ask("film_show", name="round", frame=1)[2] != first,
           f"a film has the page's exposure and view: {done}")
-    for fields in ({"display_view": "nonsense"}, {"look": "nonsense"}):
+    for fields in ({"crop": [9e5] * 3 + [9.1e5] * 3}, {"blend": "ownership"}):
+        done = made_film(page, **fields)
+        other = page.ask("film_show", name="round", frame=1)[2]
+        check(done["state"] == "done" and other != first, f"a film with {fields} is another one: {done}")
+    for fields in ({"display_view": "nonsense"}, {"look": "nonsense"}, {"blend": "nonsense"}):
         done = made_film(page, **fields)
         check(done["state"] == "failed" and "nonsense" in done["text"], f"a film with {fields}: {done}")
     page.close()
@@ -220,6 +223,13 @@ def nonsense():
         page.send_raw(data)
         check(page.receive()[0]["type"] == "failed", f"{data[:20]} is answered")
         page.close()
+    page = Page(server)
+    pose = view_fields(page.ask("city")[0]["views"][0])
+    for kind, fields in (("view", {**pose, "vfov_deg": 175}), ("fly", {}), ("film", {"name": "a/b"})):
+        number = page.send(kind, **fields)
+        told = page.until(lambda h: h["type"] == "failed")[0]
+        check(told["id"] == number, f"whoever asks for {kind} {fields} is told that it fails: {told}")
+    page.close()
     for data, opcode in ((b"x" * 300000, 1), (b"x", 3)):
         page = Page(server)
         try:

@@ -1,6 +1,7 @@
 // The camera, and how mouse, touch and keys move it.
 import { RAD, add, anglesOf, clamp, mix, norm, rayOf, rotationOf, scale, sub, unit } from "./geometry.js";
 
+const WIDEST_DEG = 170; // that the server draws
 const EYE_M = 1.7, TURN_DEG = 140 /* by a drag across the picture */, FLIGHT_MS = 700, KEY_TURN_DEG = 45 /* a second */;
 
 export class Camera extends EventTarget {
@@ -28,6 +29,7 @@ export class Camera extends EventTarget {
     Object.assign(this, state);
     this.heading = ((this.heading % 360) + 360) % 360;
     this.pitch = clamp(this.pitch, -90, 90);
+    this.vfov = Math.min(this.vfov, WIDEST_DEG);
     this.dispatchEvent(new Event("change"));
   }
   setPose({ centre, rotation, vfov_deg }) {

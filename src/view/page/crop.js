@@ -29,13 +29,14 @@ export function cropControls(app, city) {
     const node = element("input", { type: "range", min: low[axis], max: high[axis], step: (high[axis] - low[axis]) / 500 || 1, value: box[axis + (upper ? 3 : 0)] });
     node.addEventListener("input", () => {
       box[axis + (upper ? 3 : 0)] = upper ? Math.max(+node.value, box[axis]) : Math.min(+node.value, box[axis + 3]);
+      node.value = box[axis + (upper ? 3 : 0)];
       apply();
     });
     return row(`${AXES[axis]} ${upper ? "to" : "from"}`, node, (v) => `${(+v).toFixed(1)} ${city.frame.unit}`);
   }
   // At first the box is about what is in the middle of the picture.
   function begin() {
-    const { camera } = app, depth = app.stage.depthAt(0, 0) || camera.reach;
+    const { camera } = app, depth = camera.depthAt(0, 0) || camera.reach;
     const middle = add(camera.centre, scale(rayOf(camera, camera.aspect, 0, 0), depth));
     box = [-1, 1].flatMap((side) => middle.map((x) => x + side * depth / 3));
     for (let i = 0; i < 6; i++) box[i] = Math.min(Math.max(box[i], low[i % 3]), high[i % 3]);

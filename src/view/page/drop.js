@@ -1,4 +1,5 @@
 // A photo that is dropped on the page: the server finds its pose and fits a light to it, which then has a name.
+import { follow } from "./job.js";
 import { element, say } from "./ui.js";
 
 const MOST_BYTES = 32e6, TYPES = ["image/jpeg", "image/png"];
@@ -48,7 +49,7 @@ export function dropControls(app, city, onfitted) {
     });
   }
   choose.addEventListener("change", () => take(choose.files[0]));
-  link.addEventListener("fit", ({ detail }) => {
+  follow(link, "fit", (detail) => {
     app.fit = detail;
     stop.hidden = detail.state !== "running";
     told.textContent = detail.state === "running" ? `Finding where ${detail.name} was taken, and its light …`

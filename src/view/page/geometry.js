@@ -33,6 +33,28 @@ export function anglesOf(rotation) {
   return { heading: (heading + 360) % 360, pitch, roll };
 }
 
+const times = (q, k) => q.map((x) => k * x);
+
+// The quaternion of a rotation, by the largest of its four parts.
+function quaternionOf([a, b, c, d, e, f, g, h, i]) {
+  const all = [[1 + a + e + i, h - f, c - g, d - b], [h - f, 1 + a - e - i, b + d, c + g],
+    [c - g, b + d, 1 - a + e - i, f + h], [d - b, c + g, f + h, 1 - a - e + i]];
+  const q = all[[1, 2, 3].reduce((most, k) => (all[k][k] > all[most][most] ? k : most), 0)];
+  return times(q, 1 / Math.hypot(...q));
+}
+
+// From one rotation (t = 0) to another (t = 1) by the shorter way, at an even speed.
+export function turnBetween(from, to, t) {
+  const p = quaternionOf(from);
+  let q = quaternionOf(to), cosine = p.reduce((sum, x, k) => sum + x * q[k], 0);
+  if (cosine < 0) [q, cosine] = [times(q, -1), -cosine];
+  const angle = Math.acos(Math.min(cosine, 1)), near = angle < 1e-5;
+  const k = near ? 1 - t : Math.sin((1 - t) * angle), l = near ? t : Math.sin(t * angle);
+  const sum = p.map((x, n) => k * x + l * q[n]), [w, x, y, z] = times(sum, 1 / Math.hypot(...sum));
+  return [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), 2 * (x * y + w * z), 1 - 2 * (x * x + z * z),
+    2 * (y * z - w * x), 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)];
+}
+
 // The pose of a photo's view, turned by quarters until it stands upright, as far as it does not look steeply down or up.
 export function uprightPose(view) {
   const { heading, pitch, roll } = anglesOf(view.rotation), quarters = Math.abs(pitch) > 60 ? 0 : Math.round(roll / 90);

@@ -3,10 +3,21 @@ import { byId, duration } from "./ui.js";
 
 const FRAME_EVERY_MS = 1500; // the newest picture of a film is fetched at most this often
 
+// Passes on reports of a film or a fit. The server repeats the last one to a page that connects: the end of a job that this
+// page did not see run is not news.
+export function follow(link, type, take) {
+  let running = "";
+  link.addEventListener(type, ({ detail }) => {
+    const runs = detail.state === "running", seen = runs || running === detail.name;
+    running = runs ? detail.name : "";
+    if (seen) take(detail);
+  });
+}
+
 export function setUpJob(app) {
   const { link } = app, box = byId("job"), told = byId("job-told"), bar = byId("job-bar"), frame = byId("job-frame");
   const stop = byId("job-stop"), away = byId("job-away"), show = byId("job-show");
-  let at = 0, fetching = false;
+  let at = 0, fetching = false, running = false;
 
   stop.addEventListener("click", () => link.send("film_stop"));
   away.addEventListener("click", () => (box.hidden = true));
@@ -43,7 +54,7 @@ export function setUpJob(app) {
   }
 
   function take(type, d) {
-    const runs = d.state === "running";
+    const runs = running = d.state === "running";
     box.hidden = false;
     box.classList.toggle("bad", d.state === "failed");
     stop.hidden = !runs;
@@ -56,6 +67,8 @@ export function setUpJob(app) {
     if (type === "film" && runs) showFrame(d.name, Math.floor(d.done || 0));
     else frame.hidden = true;
   }
-  for (const type of ["film", "fit"]) link.addEventListener(type, ({ detail }) => take(type, detail));
+  for (const type of ["film", "fit"]) follow(link, type, (detail) => take(type, detail));
+  // What runs is said again by a server that still makes it.
+  link.addEventListener("open", () => (box.hidden ||= running));
   return { id: "job" };
 }

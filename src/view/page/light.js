@@ -97,15 +97,22 @@ export function setUpLight(app) {
     apply();
   }
 
-  function setLight(from, to, between) {
+  // `rest`: the lights of the mix after the first two.
+  function setLight(from, to, between, rest = more) {
     a = from;
     if (to) b = to;
     t = slider.value = between;
+    more = rest;
     slider.dispatchEvent(new Event("shown"));
-    selects[0].value = a;
-    selects[1].value = b;
+    drawOthers();
+    for (const [node, light] of [[selects[0], a], [selects[1], b]]) {
+      // Photos that are held out are no choice, but for those that were asked for.
+      if (![...node.options].some((one) => one.value === light)) node.append(element("option", { value: light }, text(light)));
+      node.value = light;
+    }
     apply();
   }
+  app.setLight = (light) => setLight(light, "", 0, []);
 
   // A light that was fitted to a photo just now; `show`: by this page.
   function addLight(light, show) {
@@ -123,14 +130,8 @@ export function setUpLight(app) {
     const { head } = await link.ask("list", { what: "light" });
     saved.replaceChildren(...head.names.map((name) => element("button", {
       onclick: () => link.ask("load", { what: "light", name }).then(({ head: { data } }) => {
-        a = data.a ?? "", b = data.b ?? "", t = data.t ?? 0, more = data.more ?? [];
-        drawOthers();
-        slider.value = t;
-        selects[0].value = a;
-        selects[1].value = b;
-        slider.dispatchEvent(new Event("shown"));
         picture.setLook({ exposure_ev: data.exposure_ev ?? 0, display_view: data.display_view ?? "", look: data.look ?? "" });
-        apply();
+        setLight(data.a || "mean", data.b, data.t ?? 0, data.more ?? []);
       }, (e) => say(e.message, true)),
     }, name)));
     if (!head.names.length) saved.textContent = "None yet.";

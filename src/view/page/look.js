@@ -32,9 +32,10 @@ function circle(tile) {
   return Array.from({ length: n }, (_, i) => [at(i), at(i + 1)]).flat();
 }
 
-async function showPoints(app, on) {
-  if (!on) return app.stage.unmark("points");
+async function showPoints(app, box) {
+  if (!box.checked) return app.stage.unmark("points");
   const { head, tail } = await app.link.ask("points"), view = new DataView(tail), data = new Float32Array(6 * head.n);
+  if (!box.checked) return; // turned off while they were on their way
   for (let i = 0; i < head.n; i++)
     for (let c = 0; c < 3; c++) {
       data[6 * i + c] = view.getFloat32(16 * i + 4 * c, true);
@@ -118,7 +119,7 @@ export function setUpLook(app) {
       check("Cameras (click one to fly there)", false, (on) => on
         ? stage.mark("cameras", "LINES", coloured(city.views.flatMap((view) => frustum(view, app.camera.reach / 8)), [1, 0.8, 0.2]), 0.9)
         : stage.unmark("cameras")),
-      check(`Sparse points (${city.points})`, false, (on) => showPoints(app, on)),
+      check(`Sparse points (${city.points})`, false, (on, box) => showPoints(app, box)),
       check("Reach of tiles", false, (on) => on
         ? stage.mark("tiles", "LINES", coloured(city.tiles.flatMap(circle), [0.3, 0.8, 1]), 1) : stage.unmark("tiles")),
       element("h2", {}, "Keys"),

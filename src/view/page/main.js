@@ -42,7 +42,11 @@ function begin(city) {
   if (!first) return;
   performance.mark("conurb city");
   // The first picture is asked for already: the server makes it while the rest is set up here.
-  app.stage.setUp();
+  try {
+    app.stage.setUp();
+  } catch (error) {
+    return sayBlack(error.message);
+  }
   performance.mark("conurb drawing");
   for (const panel of app.panels) panel.begin?.(city);
 }
@@ -56,17 +60,20 @@ function readout() {
   byId("compass").setAttribute("aria-label", `Look north; now ${Math.round(camera.heading)} degrees`);
 }
 
-// Says why a picture is black.
+// Says why the picture is black; "": it is not.
+function sayBlack(why) {
+  byId("empty").hidden = !why;
+  byId("empty").textContent = why;
+}
 function sayEmpty(tile) {
   const none = !Object.keys(app.trained ?? app.city.trained).length;
-  byId("empty").hidden = !!tile;
-  byId("empty").textContent = none ? "No tile of this city is trained yet. The first one appears here by itself, while it trains."
-    : "No trained tile is in reach of this view.";
+  sayBlack(tile ? "" : none ? "No tile of this city is trained yet. The first one appears here by itself, while it trains."
+    : "No trained tile is in reach of this view.");
 }
 
 // Told again when the picture changes under a cursor that rests.
 function under() {
-  const { camera, city, stage, cursor } = app, depth = cursor ? stage.depthAt(...cursor) : 0;
+  const { camera, city, cursor } = app, depth = cursor ? camera.depthAt(...cursor) : 0;
   const [x, y] = cursor || [0, 0];
   const place = add(camera.centre, scale(rayOf(camera, camera.aspect, x, y), depth));
   byId("under").textContent = city && depth ? `Under the cursor ${placeText(city.frame, place)} (${depth.toFixed(1)} ${city.frame.unit} away)` : "";
@@ -104,10 +111,10 @@ function start() {
   performance.mark("conurb files");
   const link = app.link = new Link(), stage = app.stage = new Stage(canvas);
   const camera = app.camera = new Camera(canvas), picture = app.picture = new Picture(link, camera, stage);
-  camera.depthAt = (x, y) => stage.depthAt(x, y);
+  camera.depthAt = (x, y) => stage.depthAt(camera, camera.aspect, x, y);
   camera.addEventListener("step", () => stand());
   camera.addEventListener("home", () => app.city?.views.length && camera.flyToPose(uprightPose(app.city.views[0])));
-  link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head), (e) => say(e.message, true)));
+  link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head)).catch((e) => say(e.message, true)));
   link.addEventListener("closed", () => say("The connection to the server was lost; trying again.", true));
   picture.addEventListener("failed", (e) => say(e.detail, true));
   picture.addEventListener("shown", ({ detail: { head, asked, took } }) => {
@@ -121,6 +128,16 @@ function start() {
     }
     byId("speed").textContent = asked.moving && rate ? `${rate.toFixed(1)} pictures/s, ${head.width} px`
       : `${head.width} × ${head.height}${head.last ? "" : " …"}, ${Math.round(took)} ms${head.tile ? `, tile ${head.tile}` : ""}`;
+  });
+  canvas.addEventListener("webglcontextrestored", () => {
+    stage.setUp();
+    if (!picture.beside) app.showDivider(false); // a photo was there
+    picture.refresh();
+  });
+  // As when an address is pasted that has a view; the page's own changes of it are not told here.
+  addEventListener("hashchange", () => {
+    const linked = stateIn(location.hash);
+    if (linked && app.city) camera.flyTo(linked);
   });
   canvas.addEventListener("pointermove", (e) => (app.cursor = camera.inPicture(e), under()));
   canvas.addEventListener("pointerleave", () => (app.cursor = null, under()));

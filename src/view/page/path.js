@@ -1,5 +1,6 @@
 // A camera path: keyframes on a time line. It is played here, saved for `conurb render --path`, and rendered.
-import { anglesOf, clamp, mix, rotationOf, scale, add, sub } from "./geometry.js";
+import { anglesOf, clamp, mix, norm, rotationOf, scale, add, sub, turnBetween } from "./geometry.js";
+import { follow } from "./job.js";
 import { coloured, frustum } from "./look.js";
 import { makeTrack } from "./track.js";
 import { byId, check, element, row, say, select } from "./ui.js";
@@ -7,10 +8,12 @@ import { byId, check, element, row, say, select } from "./ui.js";
 const STEP_S = 3; // between keyframes when they are set
 const PIECES = 16; // of the line that is drawn from one keyframe to the next
 
-// Centripetal Catmull-Rom, as in the render; here only for the preview.
+// Centripetal Catmull-Rom. This and stateAt are as path/spline.c has them, which makes the film.
 function between(a, b, c, d, t) {
-  const gap = (p, q) => Math.max(Math.sqrt(Math.hypot(...sub(q, p))), 1e-9);
-  const t1 = gap(a, b), t2 = t1 + gap(b, c), t3 = t2 + gap(c, d), u = mix(t1, t2, t);
+  const gap = (p, q) => Math.sqrt(norm(sub(q, p))), step = gap(b, c);
+  if (!step) return [...b];
+  const other = (s) => (s < 1e-6 * step ? step : s); // where neighbours are at one place, any positive one works
+  const t1 = other(gap(a, b)), t2 = t1 + step, t3 = t2 + other(gap(c, d)), u = mix(t1, t2, t);
   const on = (p, q, from, to) => add(scale(p, (to - u) / (to - from)), scale(q, (u - from) / (to - from)));
   const ab = on(a, b, 0, t1), bc = on(b, c, t1, t2), cd = on(c, d, t2, t3);
   return on(on(ab, bc, 0, t2), on(bc, cd, t1, t3), t1, t2);
@@ -23,9 +26,8 @@ export function stateAt(keys, time) {
   const t = clamp((time - a.time) / (b.time - a.time || 1), 0, 1);
   const before = keys[j - 1]?.state.centre ?? mirror(a.state.centre, b.state.centre);
   const after = keys[j + 2]?.state.centre ?? mirror(b.state.centre, a.state.centre);
-  const ra = rotationOf(a.state), rb = rotationOf(b.state), forward = ra.slice(6).map((x, k) => mix(x, rb[6 + k], t));
-  const { heading, pitch } = anglesOf([1, 0, 0, 0, 0, 0, ...scale(forward, 1 / (Math.hypot(...forward) || 1))]);
-  return { centre: between(before, a.state.centre, b.state.centre, after, t), heading, pitch, roll: mix(a.state.roll, b.state.roll, t), vfov: mix(a.state.vfov, b.state.vfov, t) };
+  const angles = anglesOf(turnBetween(rotationOf(a.state), rotationOf(b.state), t));
+  return { ...angles, centre: between(before, a.state.centre, b.state.centre, after, t), vfov: mix(a.state.vfov, b.state.vfov, t * t * (3 - 2 * t)) };
 }
 
 export const toFile = (keys, fps) => ({
@@ -55,7 +57,7 @@ export function setUpPath(app) {
   let keys = [], playing = 0, drawIt = true;
   name.setAttribute("aria-label", "Name of the path");
   app.route = () => keys.map((k) => k.state.centre);
-  app.path = { keys: () => keys };
+  app.path = { keys: () => keys, stateAt };
 
   const go = (time) => {
     if (!keys.length) return;
@@ -142,21 +144,26 @@ export function setUpPath(app) {
 
   async function film() {
     await save();
-    const { appearance, display_view, look, exposure_ev } = picture.look;
-    const id = link.send("film", { name: name.value.trim(), width: +width.value, appearance, display_view, look, exposure_ev });
+    const { appearance, display_view, look, exposure_ev, blend, crop } = picture.look;
+    const id = link.send("film", { name: name.value.trim(), width: +width.value, appearance, display_view, look, exposure_ev, blend, crop });
     link.waiting.set(id, { yes: () => {}, no: tell });
   }
-  link.addEventListener("film", ({ detail }) => {
+  follow(link, "film", (detail) => {
     app.film = detail;
     told.textContent = detail.state === "running" ? `Rendering ${detail.name}; its progress is over the picture.` : detail.state === "done" ? `Done: ${detail.folder}${detail.film ? "/flight.mp4" : ""}` : `${detail.name}: ${detail.text || detail.state}`;
     if (detail.film) showFilm(detail.name).catch(tell);
   });
-  const screen = element("div", { id: "film" });
+  const screen = element("div", { id: "film" }), whole = element("p", { className: "soft", id: "film-whole", hidden: true });
+  picture.addEventListener("look", () => {
+    whole.hidden = !picture.look.name;
+    whole.textContent = `The film is made of all tiles, not only of ${picture.look.name}.`;
+  });
 
   // The film plays in the page. One that is too long for that stays where it is told to be.
   async function showFilm(one) {
     const { tail } = await link.ask("film_show", { name: one });
     const url = URL.createObjectURL(new Blob([tail], { type: "video/mp4" }));
+    if (screen.firstChild) URL.revokeObjectURL(screen.firstChild.src);
     screen.replaceChildren(element("video", { src: url, controls: true, muted: true, loop: true, autoplay: true, "aria-label": `The film of ${one}` }));
   }
 
@@ -183,6 +190,7 @@ export function setUpPath(app) {
       element("h2", {}, "Film"), row("Width", width), row("Pictures/s", fps),
       element("div", { className: "row" }, element("button", { id: "render-path", onclick: () => film().catch(tell) }, "Render this path"),
         element("button", { id: "show-film", onclick: () => showFilm(name.value.trim()).catch(tell) }, "Show its film")),
+      whole,
       told, screen);
     draw();
     refresh().catch(() => {});

@@ -49,7 +49,8 @@ export function setUpPhotos(app) {
   async function beside() {
     const { display_view, look, exposure_ev } = picture.look; // the photo is shown as the render beside it is
     const view = chosen; // another may be chosen meanwhile
-    const bitmap = await createImageBitmap(await fetchPhoto(view.name, 1600, { display_view, look, exposure_ev }));
+    const bitmap = await createImageBitmap(await fetchPhoto(view.name, 1600, { display_view, look, exposure_ev, straight: true }));
+    if (view !== chosen) return bitmap.close();
     const { heading, pitch, roll } = app.geometry.anglesOf(view.rotation);
     picture.beside = null;
     stage.show(1, bitmap, {
@@ -82,7 +83,7 @@ export function setUpPhotos(app) {
       element("h2", {}, shortName(view.name)),
       element("p", { className: "soft" }, `${view.held_out ? "Held out: never trained on. " : ""}${when}`),
       element("div", { className: "row" },
-        element("button", { onclick: () => picture.setLook({ appearance: view.name }) }, "Its light"),
+        element("button", { id: "photo-light", onclick: () => app.setLight(view.name) }, "Its light"),
         ...(city.pixels ? [
           element("button", { id: "photo-beside", onclick: () => beside().catch(tell) }, "Beside its render"),
           element("button", { id: "photo-error", onclick: () => error(view, box).catch(tell) }, "Error")] : []),

@@ -104,11 +104,11 @@ export class Picture extends EventTarget {
       if (this.wanted) this.ask(true);
       else if (this.settling) this.refresh();
     }
-    if (asked.slot === 1 && !this.beside) return;
+    if (!this.stage.gl) return; // there is nothing to draw with
     if (!asked.slot && this.coarser(head, asked)) return;
     const turn = ++this.turn, bitmap = await createImageBitmap(jpeg);
-    // A newer picture arrived while this one was decoded.
-    if (turn < this.shown[asked.slot]) return bitmap.close();
+    // A newer picture arrived while this one was decoded, or something else is to be beside it.
+    if (turn < this.shown[asked.slot] || (asked.slot === 1 && asked.look !== this.beside)) return bitmap.close();
     this.shown[asked.slot] = turn;
     if (asked.slot === 0) [this.lookShown, this.jpeg] = [asked.look, jpeg];
     this.stage.show(asked.slot, bitmap, { camera: asked.camera, aspect: asked.aspect, grid: head.grid, depth: head.depth });
@@ -162,6 +162,6 @@ export class Picture extends EventTarget {
     return this.probes(() => this.link.ask("view", {
       slot: 3, moving: true, width: 3, height: 3, vfov_deg: state.vfov ?? 0.2, centre: state.centre,
       rotation: state.rotation ?? rotationOf(state), blend: this.look.blend, name: this.look.name, crop: this.look.crop,
-    }).then(({ head }) => head.depth[Math.floor(head.depth.length / 2)]));
+    }).then(({ head }) => head.metres));
   }
 }

@@ -1,9 +1,11 @@
 // Draws the pictures from the server. When the camera has moved since, the last picture is warped to the present view
 // by its depths: a grid of triangles, each corner at its depth. Plain WebGL.
-import { RAD, rotationOf, sub } from "./geometry.js";
+import { RAD, add, clamp, norm, placeIn, rayOf, rotationOf, scale, sub } from "./geometry.js";
 
 const FAR = 1e4; // times the reach: where what has no depth is drawn
 const BEYOND = 0.4; // of the picture, on each side
+const NEAREST = 1e-3; // times the reach: a depth, at least
+const DEPTH_STEPS = 4; // to a place whose depth is looked for
 const EDGE = 1.35; // a ratio of depths between neighbours that is an edge
 
 const WARP_VERTEX = `
@@ -56,15 +58,15 @@ export class Stage {
   constructor(canvas) {
     this.canvas = canvas;
     this.frames = [null, null]; // the view, and the one beside it
-    this.marks = new Map(); // by name: {kind, n, buffer, colour}
+    this.marks = new Map(); // by name: {kind, data, alpha, size, buffer}
     this.split = null; // of the width, where the second picture begins
     this.warp = true;
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
-    canvas.addEventListener("webglcontextrestored", () => this.setUp());
     this.gl = null; // until setUp(), which takes a while: the first picture is asked for before
     this.dirty = true;
   }
 
+  // Once more after the browser has lost what was in the graphics processor: the marks are there again, pictures are not.
   setUp() {
     const gl = this.gl = this.canvas.getContext("webgl", { antialias: true, alpha: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("this browser has no WebGL; turn it on to see the city");
@@ -72,7 +74,7 @@ export class Stage {
     this.markProgram = this.program(MARK_VERTEX, MARK_FRAGMENT);
     this.frames = [null, null];
     this.quad = null;
-    this.marks.clear();
+    for (const mark of this.marks.values()) mark.buffer = this.fill(gl.createBuffer(), mark.data);
     this.dirty = true;
   }
 
@@ -130,11 +132,14 @@ export class Stage {
 
   // Lines ("LINES") or points ("POINTS") in the world: 3 floats per vertex, and 3 for its colour.
   mark(name, kind, data, alpha = 1, size = 2) {
-    const gl = this.gl, old = this.marks.get(name), buffer = old ? old.buffer : gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-    this.marks.set(name, { kind: gl[kind], n: data.length / 6, buffer, alpha, size });
+    const gl = this.gl, old = this.marks.get(name), buffer = this.fill(old ? old.buffer : gl.createBuffer(), data);
+    this.marks.set(name, { kind: gl[kind], data, buffer, alpha, size });
     this.dirty = true;
+  }
+  fill(buffer, data) {
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, buffer);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, data, this.gl.STATIC_DRAW);
+    return buffer;
   }
   unmark(name) {
     const mark = this.marks.get(name);
@@ -143,13 +148,22 @@ export class Stage {
     this.dirty = true;
   }
 
-  depthAt(x, y) {
+  // How far away is what lies at a place in the picture, from where the camera is now; 0: nothing is there. The depths are
+  // those of the last picture, whose camera may have been elsewhere: the place that they mean is looked for along the ray.
+  depthAt(camera, aspect, x, y) {
     const frame = this.frames[0];
     if (!frame || !frame.depth) return 0;
-    const [w, h] = frame.grid;
-    const column = Math.min(Math.max(Math.floor((x + 1) / 2 * w), 0), w - 1);
-    const row = Math.min(Math.max(Math.floor((y + 1) / 2 * h), 0), h - 1);
-    return frame.depth[row * w + column];
+    const [w, h] = frame.grid, ray = rayOf(camera, aspect, x, y), least = NEAREST * camera.reach;
+    const cell = (t, n) => clamp(Math.floor((t + 1) / 2 * n), 0, n - 1);
+    const seen = (at) => frame.depth[cell(at[1], h) * w + cell(at[0], w)];
+    let depth = seen([x, y]) || camera.reach;
+    for (let i = 0; i < DEPTH_STEPS; i++) {
+      const place = add(camera.centre, scale(ray, depth)), at = placeIn(frame.camera, frame.aspect, place);
+      if (!at) return depth; // the last picture looked away from there
+      if (!seen(at)) return 0;
+      depth = Math.max(depth + seen(at) - norm(sub(place, frame.camera.centre)), least);
+    }
+    return depth;
   }
 
   resize() {
@@ -241,7 +255,7 @@ export class Stage {
       gl.vertexAttribPointer(colour, 3, gl.FLOAT, false, 24, 12);
       gl.uniform1f(p.at("alpha"), mark.alpha);
       gl.uniform1f(p.at("size"), mark.size * Math.min(devicePixelRatio || 1, 2));
-      gl.drawArrays(mark.kind, 0, mark.n);
+      gl.drawArrays(mark.kind, 0, mark.data.length / 6);
     }
   }
 }

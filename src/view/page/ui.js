@@ -44,7 +44,7 @@ export function select(values, value, onchange) {
 
 export function check(text, checked, onchange) {
   const box = element("input", { type: "checkbox", checked });
-  box.addEventListener("change", () => onchange(box.checked));
+  box.addEventListener("change", () => onchange(box.checked, box));
   return element("label", { className: "row" }, box, text);
 }
 

@@ -8,6 +8,7 @@
 #include "pose/lens.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 static const cn_camera CAMERAS[] = {
@@ -172,6 +173,33 @@ static void test_pack(void **state)
     assert_int_equal(cn_lens_from_name("FOV"), -1);
 }
 
+/* A picture whose colours are where its pixels are. */
+static void test_look_up(void **state)
+{
+    (void)state;
+    enum { W = 640, H = 480 };
+    float *rgbw = malloc(sizeof(float[4]) * W * H), seen[4];
+    assert_non_null(rgbw);
+    for (int i = 0; i < W * H; i++) {
+        const float pixel[4] = { (float)(i % W), (float)(i / W), 1, i % W < 400 ? 1 : 0.5f };
+        memcpy(rgbw + 4 * (size_t)i, pixel, sizeof pixel);
+    }
+    for (size_t i = 0; i < 5; i++) {
+        double dir[3];
+        assert_int_equal(cn_camera_unproject(&CAMERAS[i], 100.25 + 0.5, 50.75 + 0.5, dir), CN_OK);
+        cn_camera_look_up(&CAMERAS[i], rgbw, dir, seen);
+        assert_true(fabsf(seen[0] - 100.25f) < 1e-3f && fabsf(seen[1] - 50.75f) < 1e-3f && seen[3] == 1);
+        assert_int_equal(cn_camera_unproject(&CAMERAS[i], 400, 200, dir), CN_OK);
+        cn_camera_look_up(&CAMERAS[i], rgbw, dir, seen);
+        assert_true(seen[3] == 0.5f);
+        cn_camera_look_up(&CAMERAS[i], rgbw, (const double[3]){ 0, 0, -1 }, seen);
+        assert_true(seen[2] == 0 && seen[3] == 0);
+        cn_camera_look_up(&CAMERAS[i], rgbw, (const double[3]){ 1, 0, 0.9 }, seen);
+        assert_true(seen[2] == 0 && seen[3] == 0);
+    }
+    free(rgbw);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -183,6 +211,7 @@ int main(void)
         cmocka_unit_test(test_behind),
         cmocka_unit_test(test_resize),
         cmocka_unit_test(test_pack),
+        cmocka_unit_test(test_look_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -115,10 +115,35 @@ static void a_message_can_be_taken_apart(void **state)
     cn_picture_deinit(&p);
 }
 
+/* Halves are too coarse to measure with: they are 3 cm apart at 50 m. */
+static void a_probe_is_exact(void **state)
+{
+    (void)state;
+    cn_picture p;
+    cn_ask ask;
+    cn_out *out;
+    set_up(&p, &ask);
+    ask.slot = CN_ASK_SLOT_PROBE;
+    float *middle = &p.depth[H / 2 * W + W / 2];
+    *middle = 50.0123f;
+    for (int there = 1; there >= 0; there--) {
+        p.rgba[4 * (H / 2 * W + W / 2) + 3] = (float)there;
+        const cn_render_result result = { .pass = CN_PASS_FULL, .picture = &p };
+        assert_int_equal(cn_frame_make(&ask, &result, 0.5, &out), CN_OK);
+        const uint8_t *at = out->bytes + CN_OUT_ROOM;
+        json_t *head = json_loadb((const char *)at + 4, at[0] | (size_t)at[1] << 8, 0, NULL);
+        assert_true(fabs(json_real_value(json_object_get(head, "metres")) - (there ? *middle : 0)) < 1e-6);
+        json_decref(head);
+        cn_out_destroy(out);
+    }
+    cn_picture_deinit(&p);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(normals_occlusion_and_coverage),
                                         cmocka_unit_test(depth_opacity_and_tiles),
-                                        cmocka_unit_test(a_message_can_be_taken_apart) };
+                                        cmocka_unit_test(a_message_can_be_taken_apart),
+                                        cmocka_unit_test(a_probe_is_exact) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

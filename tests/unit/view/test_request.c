@@ -87,6 +87,9 @@ static void what_makes_no_sense(void **state)
     }
     cn_ask ask;
     assert_int_equal(cn_ask_parse(&ask, "{\"type\":\"city\"}\0{}", 18), CN_ERR_USAGE);
+    /* The answer names the request. */
+    assert_int_equal(parse(&ask, "{\"type\":\"fly\",\"id\":7}"), CN_ERR_USAGE);
+    assert_int_equal(ask.id, 7);
     static char large[CN_ASK_MAX_BYTES + 1];
     memset(large, ' ', sizeof large);
     assert_int_equal(cn_ask_parse(&ask, large, sizeof large), CN_ERR_USAGE);
@@ -115,8 +118,16 @@ static void films_and_photos(void **state)
     assert_string_equal(ask.display_view, "Un-tone-mapped");
     assert_string_equal(ask.look, "warm");
     assert_int_not_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"exposure_ev\":1e9}"), CN_OK);
+    assert_int_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"blend\":\"ownership\","
+                                 "\"crop\":[-1,-2,-3,4,5,6]}"),
+                     CN_OK);
+    assert_true(ask.cropped && ask.crop_m[5] == 6);
+    assert_string_equal(ask.blend, "ownership");
+    assert_int_not_equal(parse(&ask, "{\"type\":\"film\",\"name\":\"round\",\"crop\":[0,0,0]}"), CN_OK);
     assert_int_equal(parse(&ask, "{\"type\":\"photo\",\"name\":\"a.jpg\",\"width\":64,\"exposure_ev\":1.5}"), CN_OK);
-    assert_true(ask.kind == CN_ASK_PHOTO && ask.exposure_ev == 1.5);
+    assert_true(ask.kind == CN_ASK_PHOTO && ask.exposure_ev == 1.5 && !ask.straight);
+    assert_int_equal(parse(&ask, "{\"type\":\"photo\",\"name\":\"a.jpg\",\"straight\":true}"), CN_OK);
+    assert_true(ask.straight);
     assert_int_equal(parse(&ask, "{\"type\":\"view\"," POSE "," SIZE ",\"photo\":\"a.jpg\"}"), CN_OK);
     assert_string_equal(ask.photo, "a.jpg");
 }
