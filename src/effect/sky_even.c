@@ -25,8 +25,8 @@ static side side_of(uint32_t hint, uint32_t n_hints, uint32_t size)
 /* Whether a row's pixels have the colour rgb.. */
 static bool row_is(const cn_pixel_store *pixels, uint32_t photo, uint32_t y, side columns, const float rgb[3])
 {
-    uint32_t photos[MOST], n = 0;
-    uint16_t px[MOST], py[MOST];
+    uint32_t photos[MOST] = { 0 }, n = 0;
+    uint16_t px[MOST] = { 0 }, py[MOST] = { 0 };
     float rgbw[4 * MOST];
     for (uint32_t x = columns.from; x < columns.to; x += columns.step, n++) {
         photos[n] = photo;
