@@ -84,8 +84,9 @@ typedef struct cn_surface_report {
  * charts lie on square textures, 4 texels apart. A texel's colour is what the field shows there, from where the photos
  * see it. Memory: 110 bytes for each triangle before, 70 after the simplification, and a texture (4 bytes a texel).
  *
- * With a key the depth maps lie in path + ".depths" while the export runs. When it is interrupted or killed, the file
- * stays, and the next export with the same key and path does not render them again.
+ * With a key the depth maps lie in path + ".depths" while the export runs. When it is interrupted or killed, or fails
+ * with another error than CN_ERR_DATA, the file stays, and the next export with the same key and path does not render
+ * them again.
  *
  * report may be NULL. CN_ERR_USAGE: an unknown ending, or a cube out of range. CN_ERR_DATA: there is no surface.
  * CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED: an old file stays. */

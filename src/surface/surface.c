@@ -399,7 +399,8 @@ static cn_status export_surface(const cn_context *ctx, const cn_surface_source *
     cn_nets_deinit(&j.nets);
     cn_fusion_deinit(&j.fusion);
     cn_triangles_close(&j.triangles);
-    cn_depth_maps_close(&j.maps, status == CN_ERR_INTERRUPTED);
+    /* What failed after hours of rendering may be a full disk or a chart: only of wrong data the maps are no use. */
+    cn_depth_maps_close(&j.maps, status != CN_OK && status != CN_ERR_DATA);
     cn_keys_deinit(&j.blocks);
     free(j.places);
     free(j.which);
