@@ -61,7 +61,7 @@ static cn_status add_chart(textured_job *j, const cn_chart *chart, uint32_t firs
         const uint32_t vertex = m->corners[3 * (size_t)list[i / 3] + i % 3];
         if (j->local[vertex] == UINT32_MAX) {
             double px[2];
-            cn_chart_project(chart, j->in->texel_m, m->vertices[vertex].xyz, px);
+            cn_chart_project(chart, m->vertices[vertex].xyz, px);
             for (int k = 0; k < 2; k++)
                 px[k] = (px[k] + chart->at_px[k]) / side;
             CN_TRY(add_vertex(j, vertex, px));
@@ -109,7 +109,6 @@ static cn_status bake_sheet(textured_job *j, uint32_t page)
                            .source = j->in->source,
                            .mesh = j->in->mesh,
                            .charts = &j->charts,
-                           .texel_m = j->in->texel_m,
                            .reach_m = j->in->reach_m,
                            .progress = report_texels,
                            .user = j };
@@ -354,8 +353,9 @@ static cn_status lay_out(textured_job *j)
     const cn_mesh *m = j->in->mesh;
     const uint32_t side = j->in->source->page_px;
     /* A chart fits onto a page, whichever way it turns. */
-    const double largest = j->in->texel_m * (side / 2.0 - 2 * CN_ATLAS_GUTTER);
-    CN_TRY(cn_charts_grow(j->in->ctx, m, j->in->texel_m, fmin(largest, 512 * j->in->texel_m), &j->charts));
+    const double largest = j->in->texel_m * fmin(side / 2.0 - 2 * CN_ATLAS_GUTTER, 512);
+    const cn_chart_limits limits = { j->in->texel_m, largest, side - 2 * CN_ATLAS_GUTTER - 2 };
+    CN_TRY(cn_charts_grow(j->in->ctx, m, &limits, &j->charts));
     CN_TRY(cn_atlas_pack(&j->charts, side, &j->atlas));
     for (uint32_t i = 0; i < j->charts.n; i++)
         j->texels += (uint64_t)j->charts.charts[i].size_px[0] * j->charts.charts[i].size_px[1];
