@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
+#include "geo/tile_box.h"
 
 #include <math.h>
 #include <meshoptimizer.h>
@@ -291,12 +292,10 @@ static cn_status build(tiler *t, const uint32_t place[3], node *out)
 static cn_status save_tileset(const tiler *t, node *root)
 {
     const cn_mesh_about *about = t->set->about;
+    cn_tile_box_widen(root->json); /* simplification may have taken what sticks out of a parent's box */
     /* The error of drawing nothing is the diagonal of the root's box: viewers do not even load the root where it is too
      * small to be seen. */
-    const json_t *box = json_object_get(json_object_get(root->json, "boundingVolume"), "box");
-    double sum = 0;
-    for (size_t k = 0; k < 3; k++)
-        sum += pow(json_number_value(json_array_get(box, 3 + 4 * k)), 2);
+    const double error_m = cn_tile_box_across(root->json);
     char generator[32];
     double m[16];
     snprintf(generator, sizeof generator, "Conurb %s", cn_version());
@@ -306,7 +305,7 @@ static cn_status save_tileset(const tiler *t, node *root)
     }
     json_t *json = json_pack("{s:{s:s, s:{s:s, s:s, s:o}}, s:o, s:O}", "asset", "version", "1.1", "extras", "generator",
                              generator, "light", about->appearance, "cube_m", cn_json_real(about->cube_m),
-                             "geometricError", cn_json_real(2 * sqrt(sum)), "root", root->json);
+                             "geometricError", cn_json_real(error_m), "root", root->json);
     char *path = cn_path_join(t->folder, "tileset.json");
     const cn_status status = json && path ? cn_json_save(json, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(json);

@@ -73,6 +73,9 @@ def visit(tile, level):
     sample.extend(own[0][:: max(1, len(own[0]) // 20)])
     below = [visit(child, level + 1) for child in tile.get("children", [])]
     for child in tile.get("children", []):
+        inner = child["boundingVolume"]["box"]
+        for k in range(3):
+            assert abs(inner[k] - box[k]) + inner[3 + 4 * k] <= half[k] + 1e-6, (tile["content"], box, inner)
         assert child["geometricError"] <= tile["geometricError"], tile["content"]
     if not below:
         assert tile["geometricError"] == 0
