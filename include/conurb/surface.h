@@ -102,8 +102,8 @@ CN_API CN_NODISCARD cn_status cn_surface_export(const cn_context *ctx, const cn_
  * local metres to Earth-centred, Earth-fixed WGS84 (EPSG:4978). The tileset.json of an
  * earlier export is removed before its tiles are replaced; its files with other names stay. With page_px tiles have
  * textures as above; leaves are half a texture wide (32 to 512 cubes) and lose what they do not need within half a
- * cube, and texels double at each level up. Memory beside that of cn_surface_export: 50 bytes for each vertex, 60 for
- * each triangle. Errors as there. */
+ * cube, and texels double at each level up; geometricError is 8 texels at least, but 0 of a leaf. Memory beside that of
+ * cn_surface_export: 50 bytes for each vertex, 60 for each triangle. Errors as there. */
 CN_API CN_NODISCARD cn_status cn_surface_export_tiles(const cn_context *ctx, const cn_surface_source *source,
                                                       const char *folder, cn_surface_report *report);
 

@@ -83,6 +83,9 @@ def visit(tile, level):
         leaf_meshes.append(own)
     else:
         assert 0 < len(own[1]) <= sum(len(part[1]) for part in below)
+        if mesh is not None:  # a texel is as large as a cube, twice that a level higher; 16 pixels show 8 of them
+            texel = tileset["asset"]["extras"]["cube_m"] * 2 ** (deepest(folder) - level)
+            assert tile["geometricError"] >= 8 * texel, (tile["content"], tile["geometricError"], texel)
         rim = {edge for edge, n in edges_of(below).items() if n == 1}
         missing += len(rim - edges_of([own]).keys())
         rims += len(rim)
