@@ -176,7 +176,7 @@ open_position() {
     expect 0 "triangles" "every export" "$conurb" export "$work/demo" --mesh "$work/m.glb" --3dtiles "$work/t" \
         --points "$work/p.las" --ortho "$work/o.tif" --gsd 2
     expect 0 "points" "points as PLY" "$conurb" export "$work/demo" --points "$work/p.ply" --gsd 2
-    expect 0 "places agree" "a place in every export" python3 "$here/position.py" "$work" "$work/demo/frame.json"
+    expect 0 "places agree" "a place in every export" python3 "$here/position.py" "$work" "$work/demo"
     cat "$work/out"
 }
 
