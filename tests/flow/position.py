@@ -46,7 +46,8 @@ def largest(a, b):
 # glTF: its own words say where it is; the places are those of the frame.
 root, vertices = gltf("m.glb")
 said = root.get("extras", root["asset"].get("extras"))["origin_wgs84"]
-assert all(abs(said[k] - origin[k]) < 1e-9 for k in origin if k in said) and len(said) == 3, said
+assert all(abs(said[k] - origin[k]) < 1e-9 for k in origin if k in said) and len(said) == 4, said
+assert said["heights"] == "above the WGS84 ellipsoid", said
 known = [(x, -z, y) for x, y, z in vertices[:: len(vertices) // 50]]
 earth = ecef_of_local(known)
 

@@ -170,6 +170,7 @@ static void a_ball_is_closed_and_round(void **state)
     read_back("ball.ply", &data, &size);
     const size_t head = (size_t)(strstr(data, "end_header\n") - data) + strlen("end_header\n");
     assert_non_null(strstr(data, "latitude 48.000000000"));
+    assert_non_null(strstr(data, "height 500.0000 m above the sea")); /* no geoid was applied */
     assert_non_null(strstr(data, "light: mean"));
     const char *body = data + head;
     assert_int_equal(size, head + 27 * r.n_vertices + 13 * r.n_triangles);
