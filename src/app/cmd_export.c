@@ -151,8 +151,8 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
     const bool named = o->page.dir || o->camera;
     const bool others = o->export.ortho || o->export.dsm || o->export.dtm || o->export.points || o->export.mesh ||
                         o->export.qgis || o->export.tileset || o->export.splats || !named;
-    cn_status status = others ? cn_city_export(ctx, city, &export) : CN_OK;
-    if (status == CN_OK && o->camera) status = cn_city_export_camera(ctx, city, &render, o->camera);
+    cn_status status = o->camera ? cn_city_export_camera(ctx, city, &render, o->camera) : CN_OK; /* takes seconds */
+    if (status == CN_OK && others) status = cn_city_export(ctx, city, &export);
     if (status == CN_OK && o->page.dir) status = export_page(ctx, city, o);
     cn_city_close(&city);
     return status;
