@@ -20,7 +20,9 @@ static const cn_app_option table[] = {
       offsetof(options, export.ortho), NULL },
     { "dsm", "F.tif", "surface model, heights in metres: cloud-optimised GeoTIFF", CN_APP_TEXT,
       offsetof(options, export.dsm), NULL },
-    { "dtm", "F.tif", "ground model, the surface model without houses, trees and cars: cloud-optimised GeoTIFF",
+    { "dtm", "F.tif",
+      "ground model, the surface model without houses, trees and cars: cloud-optimised GeoTIFF. Not in a city without "
+      "GPS, whose unit is not the metre",
       CN_APP_TEXT, offsetof(options, export.dtm), NULL },
     { "points", "F.ply",
       "coloured points: F.ply in local metres, with F.frame.json beside it to place them on Earth, or F.las (LAS 1.4) "

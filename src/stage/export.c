@@ -235,6 +235,8 @@ static cn_status check_city(const cn_dataset *m, const cn_city_export_options *o
     static const char *const advice = "this city has no GPS; give photos with GPS, or control points (poses.control)";
     if (o->qgis && !m->frame.georeferenced)
         return cn_fail(CN_ERR_DATA, "%s: a project for QGIS needs a place on Earth, and %s", o->qgis, advice);
+    if (o->dtm && !m->frame.georeferenced)
+        return cn_fail(CN_ERR_DATA, "%s: a ground model needs metres, and %s", o->dtm, advice);
     CN_TRY(check_folder(o->tileset, "tileset.json"));
     return check_folder(o->qgis, "city.qgs");
 }

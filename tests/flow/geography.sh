@@ -75,6 +75,7 @@ city village 17
 ground village
 for command in poses plan train; do expect 0 "" "$command without GPS" "$conurb" "$command" "$work/village"; done
 expect 0 "no CRS" "export without GPS" "$conurb" export "$work/village" --gsd 0.3
+expect 4 "no GPS" "a ground model without metres" "$conurb" export "$work/village" --gsd 0.3 --dtm "$work/v.tif"
 has "UTM" "$work/village/export/dsm.tif" && bad "a city without GPS got a CRS" || good
 expect 5 "no GPS" "a street without GPS" "$conurb" render "$work/village" --path "$work/street.geojson"
 expect 0 "2 frames" "an orbit in local metres" "$conurb" render "$work/village" --orbit 0,0,3,2 --frames 2

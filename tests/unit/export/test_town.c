@@ -110,6 +110,7 @@ static void check_heights(const cn_raster_report *report)
     assert_int_equal(GDALRasterIO(GDALGetRasterBand(d, 1), GF_Read, 0, 0, (int)report->width, (int)report->height,
                                   heights, (int)report->width, (int)report->height, GDT_Float32, 0, 0),
                      CE_None);
+    assert_string_equal(GDALGetRasterUnitType(GDALGetRasterBand(d, 1)), report->epsg ? "metre" : "");
     GDALClose(d);
     uint64_t covered = 0;
     const double base = report->epsg ? t.frame.height_m : 0;
