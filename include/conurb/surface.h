@@ -80,10 +80,10 @@ typedef struct cn_surface_report {
  *
  * With n_triangles or page_px the mesh is simplified (quadric error; Garland and Heckbert 1997), the vertices at its
  * border stay, and no crack opens. With page_px, F.glb and F.obj have textures (JPEG; in the GLB, or F.mtl and F-1.jpg,
- * F-2.jpg, ... beside the OBJ). Connected triangles that face about the same way are a chart, flattened onto a plane;
- * charts lie on square textures, 4 texels apart; a triangle that is wider than a texture has larger texels. A texel's
- * colour is what the field shows there, from where the photos see it. Memory: 110 bytes for each triangle before, 70
- * after the simplification, and a texture (4 bytes a texel).
+ * F-2.jpg, ... beside the OBJ, with _ for white space in their names). Connected triangles that face about the same way
+ * are a chart, flattened onto a plane; charts lie on square textures, 4 texels apart; a triangle that is wider than a
+ * texture has larger texels. A texel's colour is what the field shows there, from where the photos see it. Memory: 110
+ * bytes for each triangle before, 70 after the simplification, and a texture (4 bytes a texel).
  *
  * With a key the depth maps lie in path + ".depths" while the export runs. When it is interrupted or killed, or fails
  * with another error than CN_ERR_DATA, the file stays, and the next export with the same key and path does not render

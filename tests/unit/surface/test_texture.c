@@ -289,12 +289,12 @@ static void an_obj_is_closed_and_whole(void **state)
     double error_m;
     assert_int_equal(cn_mesh_simplify(&ctx, &m, &(cn_mesh_wish){ 2000, INFINITY, 0.01, INFINITY }, &error_m), CN_OK);
     const cn_textured textured = textured_of(&ctx, &source, &m);
-    char *path = cn_path_join(folder, "ring.obj"), *data;
+    char *path = cn_path_join(folder, "a ring.obj"), *data;
     size_t size, n = 0;
     assert_int_equal(cn_textured_write(&textured, path, NULL), CN_OK);
     assert_int_equal(cn_file_read(path, 0, &data, &size), CN_OK);
     uint32_t *corners = malloc(3 * (size_t)m.n_triangles * sizeof *corners);
-    assert_non_null(strstr(data, "mtllib ring.mtl\n"));
+    assert_non_null(strstr(data, "mtllib a_ring.mtl\n"));
     for (const char *at = data; (at = strstr(at, "\nf ")); at++, n++) {
         assert_true(n < m.n_triangles);
         assert_int_equal(
@@ -304,13 +304,17 @@ static void an_obj_is_closed_and_whole(void **state)
     assert_int_equal(open_edges(corners, n), 0);
     free(data);
     free(corners);
-    static const char *const beside[] = { "ring.mtl", "ring-1.jpg" };
+    /* A name in these files ends at white space. */
+    static const char *const beside[] = { "a_ring.mtl", "a_ring-1.jpg" };
     for (int i = 0; i < 2; i++) {
         char *other = cn_path_join(folder, beside[i]);
         assert_true(cn_file_exists(other));
         free(other);
     }
     free(path);
+    read_from(folder, "a_ring.mtl", &data, &size);
+    assert_non_null(strstr(data, "map_Kd a_ring-1.jpg\n"));
+    free(data);
     char *nowhere = cn_path_join(folder, "none/ring.obj");
     assert_int_equal(cn_textured_write(&textured, nowhere, NULL), CN_ERR_IO);
     free(nowhere);
