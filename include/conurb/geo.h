@@ -11,8 +11,8 @@ extern "C" {
  * translation. source is the frame of the program that made the poses. */
 typedef struct cn_frame {
     bool georeferenced; /* false: no GPS; local is the source frame, and neither its unit nor its north is known */
-    double latitude_deg, longitude_deg, height_m; /* the origin, WGS84; height above the ellipsoid */
-    bool geoid_applied;    /* EXIF altitudes (above sea level) were converted to ellipsoidal heights by EGM96 */
+    double latitude_deg, longitude_deg, height_m; /* the origin, WGS84 */
+    bool geoid_applied;    /* heights are above the ellipsoid: given so, or converted by EGM96; false: above the sea */
     double geoid_height_m; /* EGM96 undulation at the origin: height of the geoid above the ellipsoid; 0 when unknown */
     double scale, rotation[9], translation[3];         /* row-major */
     double residual_horizontal_m, residual_vertical_m; /* RMS distance of camera centres from their GPS, inliers only */

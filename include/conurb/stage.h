@@ -134,12 +134,12 @@ CN_API CN_NODISCARD cn_status cn_city_eval_geometry(const cn_context *ctx, cn_ci
 typedef struct cn_city_export_options {
     const char *ortho, *dsm, *points; /* files to write, or NULL. All files and folders NULL: these three in
                                          CITY/export */
-    const char *dtm;                  /* ground model to write (cn_export_ground), or NULL */
-    const char *mesh;                 /* file to write (cn_surface_export), or NULL */
-    const char *tileset;              /* folder for 3D Tiles (cn_surface_export_tiles), or NULL */
-    const char *splats;               /* file to write (conurb/splat.h), or NULL */
-    uint32_t splat_budget;            /* splats at most; 0: a million */
-    double splat_limit_s;             /* their fit ends after so many seconds; 0: when it is done */
+    const char *dtm;       /* ground model to write (cn_export_ground), or NULL. CN_ERR_DATA without georeference */
+    const char *mesh;      /* file to write (cn_surface_export), or NULL */
+    const char *tileset;   /* folder for 3D Tiles (cn_surface_export_tiles), or NULL */
+    const char *splats;    /* file to write (conurb/splat.h), or NULL */
+    uint32_t splat_budget; /* splats at most; 0: a million */
+    double splat_limit_s;  /* their fit ends after so many seconds; 0: when it is done */
     const char *tileset_content; /* "splats": Gaussians (KHR_gaussian_splatting) in place of the mesh; "spz": the same,
                                     compressed by SPZ; NULL or "mesh": the mesh */
     const char *splats_from;     /* a PLY of Gaussians (cn_splats_read) for the tileset; NULL: they are made */
@@ -157,7 +157,8 @@ typedef struct cn_city_export_options {
     double exposure_ev;
 } cn_city_export_options;
 /* Exports an orthophoto, a surface model, points and a mesh of all trained tiles together (conurb/export.h,
- * conurb/surface.h). */
+ * conurb/surface.h). A file or folder that cannot be written, and an ending that is none, fail before the first tile.
+ */
 CN_API CN_NODISCARD cn_status cn_city_export(const cn_context *ctx, cn_city *city,
                                              const cn_city_export_options *options);
 /* Writes the cameras of a flight, as a render with the same options has them, to F.chan or F.glb (cn_path_save). Of the

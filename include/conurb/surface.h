@@ -80,12 +80,14 @@ typedef struct cn_surface_report {
  *
  * With n_triangles or page_px the mesh is simplified (quadric error; Garland and Heckbert 1997), the vertices at its
  * border stay, and no crack opens. With page_px, F.glb and F.obj have textures (JPEG; in the GLB, or F.mtl and F-1.jpg,
- * F-2.jpg, ... beside the OBJ). Connected triangles that face about the same way are a chart, flattened onto a plane;
- * charts lie on square textures, 4 texels apart. A texel's colour is what the field shows there, from where the photos
- * see it. Memory: 110 bytes for each triangle before, 70 after the simplification, and a texture (4 bytes a texel).
+ * F-2.jpg, ... beside the OBJ, with _ for white space in their names). Connected triangles that face about the same way
+ * are a chart, flattened onto a plane; charts lie on square textures, 4 texels apart; a triangle that is wider than a
+ * texture has larger texels. A texel's colour is what the field shows there, from where the photos see it. Memory: 110
+ * bytes for each triangle before, 70 after the simplification, and a texture (4 bytes a texel).
  *
- * With a key the depth maps lie in path + ".depths" while the export runs. When it is interrupted or killed, the file
- * stays, and the next export with the same key and path does not render them again.
+ * With a key the depth maps lie in path + ".depths" while the export runs. When it is interrupted or killed, or fails
+ * with another error than CN_ERR_DATA, the file stays, and the next export with the same key and path does not render
+ * them again.
  *
  * report may be NULL. CN_ERR_USAGE: an unknown ending, or a cube out of range. CN_ERR_DATA: there is no surface.
  * CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED: an old file stays. */
@@ -100,8 +102,8 @@ CN_API CN_NODISCARD cn_status cn_surface_export(const cn_context *ctx, const cn_
  * local metres to Earth-centred, Earth-fixed WGS84 (EPSG:4978). The tileset.json of an
  * earlier export is removed before its tiles are replaced; its files with other names stay. With page_px tiles have
  * textures as above; leaves are half a texture wide (32 to 512 cubes) and lose what they do not need within half a
- * cube, and texels double at each level up. Memory beside that of cn_surface_export: 50 bytes for each vertex, 60 for
- * each triangle. Errors as there. */
+ * cube, and texels double at each level up; geometricError is 8 texels at least, but 0 of a leaf. Memory beside that of
+ * cn_surface_export: 50 bytes for each vertex, 60 for each triangle. Errors as there. */
 CN_API CN_NODISCARD cn_status cn_surface_export_tiles(const cn_context *ctx, const cn_surface_source *source,
                                                       const char *folder, cn_surface_report *report);
 

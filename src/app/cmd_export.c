@@ -20,7 +20,9 @@ static const cn_app_option table[] = {
       offsetof(options, export.ortho), NULL },
     { "dsm", "F.tif", "surface model, heights in metres: cloud-optimised GeoTIFF", CN_APP_TEXT,
       offsetof(options, export.dsm), NULL },
-    { "dtm", "F.tif", "ground model, the surface model without houses, trees and cars: cloud-optimised GeoTIFF",
+    { "dtm", "F.tif",
+      "ground model, the surface model without houses, trees and cars: cloud-optimised GeoTIFF. Not in a city without "
+      "GPS, whose unit is not the metre",
       CN_APP_TEXT, offsetof(options, export.dtm), NULL },
     { "points", "F.ply",
       "coloured points: F.ply in local metres, with F.frame.json beside it to place them on Earth, or F.las (LAS 1.4) "
@@ -151,8 +153,8 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
     const bool named = o->page.dir || o->camera;
     const bool others = o->export.ortho || o->export.dsm || o->export.dtm || o->export.points || o->export.mesh ||
                         o->export.qgis || o->export.tileset || o->export.splats || !named;
-    cn_status status = others ? cn_city_export(ctx, city, &export) : CN_OK;
-    if (status == CN_OK && o->camera) status = cn_city_export_camera(ctx, city, &render, o->camera);
+    cn_status status = o->camera ? cn_city_export_camera(ctx, city, &render, o->camera) : CN_OK; /* takes seconds */
+    if (status == CN_OK && others) status = cn_city_export(ctx, city, &export);
     if (status == CN_OK && o->page.dir) status = export_page(ctx, city, o);
     cn_city_close(&city);
     return status;

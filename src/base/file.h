@@ -22,6 +22,9 @@ CN_NODISCARD cn_status cn_writer_open(cn_writer *writer, const char *path);
 CN_NODISCARD cn_status cn_writer_commit(cn_writer *writer); /* flush, fsync, rename; on failure the old file stays */
 /* Removes the temporary; safe after commit and when zeroed. */
 void cn_writer_abort(cn_writer *writer);
+/* Fails as writing the file will, where that can be known before what it takes hours to make: its folder is missing or
+ * must not be written to, or path is a folder. */
+CN_NODISCARD cn_status cn_file_check(const char *path);
 /* The temporary name used for path ("d/x.png": "d/.x.tmp-PID.png"), for libraries that write files themselves and go by
  * the extension; then cn_file_replace. Caller frees; NULL when out of memory. */
 char *cn_file_temporary(const char *path);

@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 static cn_status write_failure(const char *path, int error)
@@ -110,4 +111,14 @@ void cn_writer_abort(cn_writer *writer)
     free(writer->temporary);
     free(writer->path);
     *writer = (cn_writer){ 0 };
+}
+
+cn_status cn_file_check(const char *path)
+{
+    struct stat info;
+    cn_writer writer;
+    if (stat(path, &info) == 0 && S_ISDIR(info.st_mode)) return write_failure(path, EISDIR);
+    CN_TRY(cn_writer_open(&writer, path));
+    cn_writer_abort(&writer);
+    return CN_OK;
 }

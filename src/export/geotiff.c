@@ -70,7 +70,7 @@ static cn_status create_plain(cn_geotiff *t, const cn_geotiff_header *header)
     if (!t->rgba) {
         GDALSetRasterNoDataValue(band, CN_GEOTIFF_NODATA);
         GDALSetDescription(band, header->band ? header->band : "surface height");
-        GDALSetRasterUnitType(band, "metre");
+        if (header->place.epsg) GDALSetRasterUnitType(band, "metre");
     }
     return CN_OK;
 }

@@ -25,12 +25,14 @@ typedef struct cloud {
     double started;
 } cloud;
 
-/* Depth is not sure at edges, between foreground and background: leave out pixels where it bends. */
+/* Depth is not sure at edges, between foreground and background: leave out pixels where it bends. The sky is opaque and
+ * has none. */
 static bool smooth_at(const cn_picture *p, uint32_t x, uint32_t y)
 {
     const size_t at = (size_t)y * p->width + x;
     const float d = p->depth[at];
     const size_t steps[2] = { 1, p->width };
+    if (!(d > 0)) return false;
     for (int k = 0; k < 2; k++) {
         if (p->rgba[4 * (at - steps[k]) + 3] < MIN_ALPHA || p->rgba[4 * (at + steps[k]) + 3] < MIN_ALPHA) return false;
         if (fabsf(p->depth[at - steps[k]] + p->depth[at + steps[k]] - 2 * d) > MAX_BEND * d) return false;

@@ -82,6 +82,8 @@ void cn_projection_heights(const cn_frame *f, char text[160])
 {
     if (!f->georeferenced)
         snprintf(text, 160, "local units of the poses; no georeference");
+    else if (f->geoid_applied && f->geoid_height_m == 0)
+        snprintf(text, 160, "metres above the WGS84 ellipsoid; the EGM96 undulation is not known here");
     else if (f->geoid_applied)
         cn_print(text, 160,
                  "metres above the WGS84 ellipsoid; subtract the EGM96 undulation (%.3f m at the origin) for "

@@ -227,6 +227,8 @@ cn_status cn_export_rasters(const cn_context *ctx, const cn_survey *survey, cons
     raster r = { .survey = survey, .options = options, .blocks.fd = -1 };
     if (!options->ortho && !options->dsm)
         return cn_fail(CN_ERR_USAGE, "neither an orthophoto nor a surface model was asked for");
+    if (options->ortho) CN_TRY(cn_file_check(options->ortho));
+    if (options->dsm) CN_TRY(cn_file_check(options->dsm));
     CN_TRY(cn_height_sampler_init(&r.sampler, ctx, survey));
     const double gsd_m = options->gsd_m > 0 ? options->gsd_m : cn_export_gsd(survey);
     const cn_status status = make(&r, gsd_m);

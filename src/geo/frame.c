@@ -1,6 +1,6 @@
 #include "base/units.h"
 #include "bridge/geographiclib.h"
-#include "conurb/geo.h"
+#include "geo/heights.h"
 
 #include <math.h>
 #include <string.h>
@@ -15,6 +15,11 @@ void cn_frame_init(cn_frame *frame)
 const char *cn_frame_unit(const cn_frame *frame)
 {
     return frame->georeferenced ? "m" : "units";
+}
+
+const char *cn_frame_heights(const cn_frame *frame)
+{
+    return frame->geoid_applied ? "above the WGS84 ellipsoid" : "above the sea, as the photos' GPS has it";
 }
 
 static cn_status check_georeferenced(const cn_frame *frame)

@@ -1,5 +1,6 @@
 #include "base/json.h"
 #include "base/units.h"
+#include "geo/heights.h"
 #include "math/linalg.h"
 #include "path/camera.h"
 
@@ -118,8 +119,8 @@ static json_t *extras_json(const gltf_output *o)
                   "flight", o->note->flight ? o->note->flight : "");
     if (extras && f && f->georeferenced)
         json_object_set_new(extras, "origin_wgs84",
-                            json_pack("{s:f, s:f, s:f}", "latitude_deg", f->latitude_deg, "longitude_deg",
-                                      f->longitude_deg, "height_m", f->height_m));
+                            json_pack("{s:f, s:f, s:f, s:s}", "latitude_deg", f->latitude_deg, "longitude_deg",
+                                      f->longitude_deg, "height_m", f->height_m, "heights", cn_frame_heights(f)));
     return extras;
 }
 

@@ -35,7 +35,9 @@ static cn_status make_frame(const cn_control *control, cn_frame *frame)
     frame->latitude_deg = cn_degrees(atan2(sum[2], hypot(sum[0], sum[1])));
     frame->longitude_deg = cn_degrees(atan2(sum[1], sum[0]));
     frame->height_m = n_heights ? height / n_heights : 0.0;
-    return cn_geo_geoid_height(frame->latitude_deg, frame->longitude_deg, &frame->geoid_height_m, &found);
+    CN_TRY(cn_geo_geoid_height(frame->latitude_deg, frame->longitude_deg, &frame->geoid_height_m, &found));
+    frame->geoid_applied = found && n_heights; /* without the grid heights above the sea were not converted */
+    return CN_OK;
 }
 
 cn_status cn_control_places(const cn_control *control, cn_frame *frame, double (*places)[3])

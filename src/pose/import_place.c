@@ -44,8 +44,8 @@ static cn_status make_frame(const cn_import_origin *origin, cn_frame *frame)
     frame->latitude_deg = origin->latitude_deg;
     frame->longitude_deg = origin->longitude_deg;
     frame->geoid_height_m = geoid_m;
-    frame->geoid_applied = found && origin->sea_level;
-    frame->height_m = origin->height_m + (frame->geoid_applied ? geoid_m : 0.0);
+    frame->geoid_applied = found || !origin->sea_level;
+    frame->height_m = origin->height_m + (origin->sea_level ? geoid_m : 0.0);
     return CN_OK;
 }
 

@@ -1,6 +1,7 @@
 /* poses/report.html: one file, readable in light and dark, without anything from another host. */
 #include "base/file.h"
 #include "base/number.h"
+#include "geo/heights.h"
 #include "pose/lens.h"
 #include "pose/quality.h"
 #include "pose/report_charts.h"
@@ -118,8 +119,8 @@ static void write_summary(const cn_quality *q, FILE *out)
               out);
         return;
     }
-    fprintf(out, "<p>Place: %.6f, %.6f, %.1f m above the ellipsoid. ", q->frame->latitude_deg, q->frame->longitude_deg,
-            q->frame->height_m);
+    fprintf(out, "<p>Place: %.6f, %.6f, %.1f m %s. ", q->frame->latitude_deg, q->frame->longitude_deg,
+            q->frame->height_m, cn_frame_heights(q->frame));
     if (isfinite(q->off_rms_m[0]))
         fprintf(out,
                 "%u of %u photos agree with their GPS; those are off by %.3f m to the east, %.3f m to the north and "

@@ -3,6 +3,7 @@
 
 #include "base/file.h"
 #include "base/number.h"
+#include "geo/heights.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -36,8 +37,8 @@ static void write_header(FILE *stream, const cn_splats *s, const cn_splat_about 
     write_comment(stream, "light", about->light);
     write_comment(stream, "tiles", about->tiles);
     if (f->georeferenced)
-        fprintf(stream, "comment origin: %.9f %.9f %.4f (latitude, longitude, height above the WGS84 ellipsoid)\n",
-                f->latitude_deg, f->longitude_deg, f->height_m);
+        fprintf(stream, "comment origin: %.9f %.9f %.4f (latitude, longitude, height %s)\n", f->latitude_deg,
+                f->longitude_deg, f->height_m, cn_frame_heights(f));
     fprintf(stream, "element vertex %zu\n", s->n);
     static const char *const first[] = { "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2" };
     static const char *const last[] = {

@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
+#include "geo/tile_box.h"
 #include "splat/merge.h"
 #include "splat/packed.h"
 
@@ -178,49 +179,19 @@ static cn_status build_far(tiler *t, node *root, json_t **json)
     return CN_OK;
 }
 
-/* Boxes of tiles hold those of their children: the root's splats are fewer, and may lie less far out. */
-static void widen(json_t *tile)
-{
-    json_t *box = json_object_get(json_object_get(tile, "boundingVolume"), "box"), *child;
-    size_t i;
-    json_array_foreach(json_object_get(tile, "children"), i, child)
-    {
-        widen(child);
-        const json_t *other = json_object_get(json_object_get(child, "boundingVolume"), "box");
-        for (size_t k = 0; k < 3; k++) {
-            const double a = json_number_value(json_array_get(box, k)),
-                         h = json_number_value(json_array_get(box, 3 + 4 * k));
-            const double b = json_number_value(json_array_get(other, k));
-            const double g = json_number_value(json_array_get(other, 3 + 4 * k));
-            const double low = fmin(a - h, b - g), high = fmax(a + h, b + g);
-            json_array_set_new(box, k, cn_json_real((low + high) / 2));
-            json_array_set_new(box, 3 + 4 * k, cn_json_real((high - low) / 2));
-        }
-    }
-}
-
-/* The length of the box's diagonal. */
-static double across(const json_t *box)
-{
-    double sum = 0;
-    for (size_t k = 0; k < 3; k++)
-        sum += pow(json_number_value(json_array_get(box, 3 + 4 * k)), 2);
-    return 2 * sqrt(sum);
-}
-
 static cn_status save(const tiler *t, json_t *root)
 {
     const cn_frame *frame = t->o->about.frame;
     char generator[32];
     double m[16];
     snprintf(generator, sizeof generator, "Conurb %s", cn_version());
-    widen(root);
+    cn_tile_box_widen(root); /* the root's splats are fewer, and may lie less far out than those of a leaf */
     if (frame->georeferenced) {
         cn_frame_ecef(frame, m);
         json_object_set_new(root, "transform", cn_json_reals(m, 16));
     }
     /* The error of drawing nothing: viewers do not even load the root where it is too small to be seen. */
-    const double error_m = across(json_object_get(json_object_get(root, "boundingVolume"), "box"));
+    const double error_m = cn_tile_box_across(root);
     json_t *used = json_pack("[s]", "KHR_gaussian_splatting");
     if (t->o->compressed) json_array_append_new(used, json_string("KHR_gaussian_splatting_compression_spz_2"));
     json_t *json = json_pack("{s:{s:s, s:{s:s, s:s, s:s}}, s:o, s:O, s:[s], s:{s:{s:O}}}", "asset", "version", "1.1",

@@ -1,8 +1,10 @@
 #include "conurb/stage.h"
 #include "base/file.h"
+#include "export/point_file.h"
 #include "stage/qgis.h"
 #include "stage/splat.h"
 #include "stage/surface.h"
+#include "surface/mesh_file.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -122,13 +124,10 @@ static cn_status export_tiles(export_job *j, const char *folder)
 static cn_status export_qgis(export_job *j, const char *folder)
 {
     if (!folder) return CN_OK;
-    if (!j->m.frame.georeferenced)
-        return cn_fail(CN_ERR_DATA, "%s: a project for QGIS needs a place on Earth, and this city has no GPS", folder);
     char about[1024];
     cn_raster_report report;
     char *ortho = cn_path_join(folder, "ortho.tif"), *dsm = cn_path_join(folder, "dsm.tif");
-    cn_status status = ortho && dsm ? cn_folder_make(folder) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    if (status == CN_OK) status = export_rasters(j, ortho, dsm, &report);
+    cn_status status = ortho && dsm ? export_rasters(j, ortho, dsm, &report) : cn_fail(CN_ERR_NOMEM, "out of memory");
     snprintf(about, sizeof about, "Conurb %s\nlight: %s\ntiles: %u", cn_version(), j->light, j->survey.survey.n_tiles);
     const cn_qgis qgis = { &j->m, &report, about };
     if (status == CN_OK) status = cn_qgis_write(&qgis, folder);
@@ -205,14 +204,53 @@ static cn_status check_mesh(const cn_city_export_options *o)
     return CN_OK;
 }
 
+/* Files are written after hours, one kind after another: a name that cannot be is said before. */
+static cn_status check_files(const cn_city_export_options *o)
+{
+    const char *const files[] = { o->ortho, o->dsm, o->dtm, o->points, o->mesh, o->splats };
+    bool las;
+    if (o->points) CN_TRY(cn_point_file_kind(o->points, &las));
+    if (o->mesh) CN_TRY(cn_mesh_check_path(o->mesh, o->texture_px > 0));
+    if (o->splats) CN_TRY(cn_splats_check_path(o->splats));
+    if (o->splats_from && !cn_file_exists(o->splats_from))
+        return cn_fail(CN_ERR_IO, "cannot read %s: there is no such file", o->splats_from);
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++)
+        if (files[i]) CN_TRY(cn_file_check(files[i]));
+    return CN_OK;
+}
+
+static cn_status check_folder(const char *folder, const char *file)
+{
+    if (!folder) return CN_OK;
+    CN_TRY(cn_folder_make(folder));
+    char *path = cn_path_join(folder, file);
+    const cn_status status = path ? cn_file_check(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+    free(path);
+    return status;
+}
+
+/* What a city must have, then folders, which are made. */
+static cn_status check_city(const cn_dataset *m, const cn_city_export_options *o)
+{
+    static const char *const advice = "this city has no GPS; give photos with GPS, or control points (poses.control)";
+    if (o->qgis && !m->frame.georeferenced)
+        return cn_fail(CN_ERR_DATA, "%s: a project for QGIS needs a place on Earth, and %s", o->qgis, advice);
+    if (o->dtm && !m->frame.georeferenced)
+        return cn_fail(CN_ERR_DATA, "%s: a ground model needs metres, and %s", o->dtm, advice);
+    CN_TRY(check_folder(o->tileset, "tileset.json"));
+    return check_folder(o->qgis, "city.qgs");
+}
+
 cn_status cn_city_export(const cn_context *ctx, cn_city *city, const cn_city_export_options *options)
 {
     if (options->gsd_m < 0 || !isfinite(options->gsd_m))
         return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", options->gsd_m);
     CN_TRY(check_mesh(options));
+    CN_TRY(check_files(options));
     export_job j = { .ctx = ctx, .city = city, .options = options };
     CN_TRY(cn_dataset_load(ctx, city, true, &j.m));
-    cn_status status = cn_appearance_spec_parse(&j.spec, options->appearance, city, &j.m.photos);
+    cn_status status = check_city(&j.m, options);
+    if (status == CN_OK) status = cn_appearance_spec_parse(&j.spec, options->appearance, city, &j.m.photos);
     if (status == CN_OK) status = align_appearance(&j);
     if (status == CN_OK) status = export_all(&j);
     cn_appearance_spec_deinit(&j.spec);

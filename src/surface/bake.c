@@ -111,8 +111,7 @@ static void bake_chart(texture *t, const cn_chart *chart)
     for (int sides = 0; sides < 2; sides++) {
         one_kind kind = { t, sides == 1 };
         for (uint32_t i = 0; i < chart->n; i++)
-            cn_chart_rasterise(t->bake->mesh, chart, t->bake->texel_m, t->bake->charts->triangles[chart->first + i],
-                               visit_kind, &kind);
+            cn_chart_rasterise(t->bake->mesh, chart, t->bake->charts->triangles[chart->first + i], visit_kind, &kind);
     }
 }
 

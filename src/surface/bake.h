@@ -9,7 +9,6 @@ typedef struct cn_bake {
     const cn_surface_source *source;
     const cn_mesh *mesh;
     const cn_charts *charts;
-    double texel_m;
     double reach_m; /* a ray begins and ends so far from the surface */
     /* NULL, or called after each batch with the number of texels that it had */
     void (*progress)(void *user, size_t texels);

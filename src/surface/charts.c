@@ -13,7 +13,7 @@ enum { NONE = -1, ROUNDS = 8, TURNS = 12 };
 typedef struct grower {
     const cn_context *ctx;
     const cn_mesh *mesh;
-    double texel_m, largest_m;
+    cn_chart_limits limits;
     cn_charts *out;
     uint32_t *beside;   /* 3 of each triangle: those across its sides; UINT32_MAX: none */
     float (*normal)[3]; /* of each triangle */
@@ -89,7 +89,7 @@ static bool near_enough(const grower *g, uint32_t seed, uint32_t triangle)
         double far = 0;
         for (int k = 0; k < 3; k++)
             far += ((double)a[k] - (double)b[k]) * ((double)a[k] - (double)b[k]);
-        if (!(far < g->largest_m * g->largest_m)) return false;
+        if (!(far < g->limits.largest_m * g->limits.largest_m)) return false;
     }
     return true;
 }
@@ -177,7 +177,7 @@ static void flatten(const grower *g, cn_chart *chart, const double axis[3])
         }
         bounds(g, chart, x, y, box);
         const double size[2] = { box[2] - box[0], box[3] - box[1] };
-        const double area = (size[0] + 2 * g->texel_m) * (size[1] + 2 * g->texel_m);
+        const double area = (size[0] + 2 * g->limits.texel_m) * (size[1] + 2 * g->limits.texel_m);
         if (!(area < least)) continue;
         least = area;
         const bool tall = size[1] > size[0];
@@ -190,15 +190,16 @@ static void flatten(const grower *g, cn_chart *chart, const double axis[3])
         chart->size[0] = size[tall];
         chart->size[1] = size[!tall];
     }
+    chart->texel_m = fmax(g->limits.texel_m, fmax(chart->size[0], chart->size[1]) / g->limits.most_px);
     for (int k = 0; k < 2; k++)
-        chart->size_px[k] = (uint32_t)floor(chart->size[k] / g->texel_m) + 2;
+        chart->size_px[k] = (uint32_t)floor(chart->size[k] / chart->texel_m) + 2;
 }
 
-void cn_chart_project(const cn_chart *chart, double texel_m, const float xyz[3], double px[2])
+void cn_chart_project(const cn_chart *chart, const float xyz[3], double px[2])
 {
     const double at[3] = { (double)xyz[0], (double)xyz[1], (double)xyz[2] };
-    px[0] = (cn_dot3(at, chart->x) - chart->low[0]) / texel_m + 0.5;
-    px[1] = (cn_dot3(at, chart->y) - chart->low[1]) / texel_m + 0.5;
+    px[0] = (cn_dot3(at, chart->x) - chart->low[0]) / chart->texel_m + 0.5;
+    px[1] = (cn_dot3(at, chart->y) - chart->low[1]) / chart->texel_m + 0.5;
 }
 
 /* ---- texels ---- */
@@ -221,13 +222,12 @@ static void visit_sides(const cn_chart *chart, double px[3][2], uint32_t triangl
     }
 }
 
-void cn_chart_rasterise(const cn_mesh *mesh, const cn_chart *chart, double texel_m, uint32_t triangle,
-                        cn_chart_visit visit, void *user)
+void cn_chart_rasterise(const cn_mesh *mesh, const cn_chart *chart, uint32_t triangle, cn_chart_visit visit, void *user)
 {
     double px[3][2], low[2] = { INFINITY, INFINITY }, high[2] = { -INFINITY, -INFINITY };
     for (int c = 0; c < 3; c++) {
         const uint32_t vertex = mesh->corners[3 * (size_t)triangle + (size_t)c];
-        cn_chart_project(chart, texel_m, mesh->vertices[vertex].xyz, px[c]);
+        cn_chart_project(chart, mesh->vertices[vertex].xyz, px[c]);
         for (int k = 0; k < 2; k++) {
             low[k] = fmin(low[k], px[c][k]);
             high[k] = fmax(high[k], px[c][k]);
@@ -273,7 +273,7 @@ static void test_texel(void *user, uint32_t triangle, const cn_chart_texel *t)
     }
     if (isnan(*there))
         *there = (float)depth;
-    else if (fabs((double)*there - depth) > o->g->texel_m)
+    else if (fabs((double)*there - depth) > o->chart->texel_m)
         o->found = true;
 }
 
@@ -297,7 +297,7 @@ static cn_status drop_overlaps(grower *g, cn_chart *chart)
     cn_cross3(chart->x, chart->y, o.axis);
     for (uint32_t i = 0; i < chart->n; i++) {
         o.found = false;
-        cn_chart_rasterise(g->mesh, chart, g->texel_m, g->out->triangles[chart->first + i], test_texel, &o);
+        cn_chart_rasterise(g->mesh, chart, g->out->triangles[chart->first + i], test_texel, &o);
         bad[i] = o.found;
     }
     keep_first(g, chart, bad);
@@ -352,10 +352,10 @@ static cn_status grow(grower *g)
     return CN_OK;
 }
 
-cn_status cn_charts_grow(const cn_context *ctx, const cn_mesh *mesh, double texel_m, double largest_m, cn_charts *out)
+cn_status cn_charts_grow(const cn_context *ctx, const cn_mesh *mesh, const cn_chart_limits *limits, cn_charts *out)
 {
     const size_t n = mesh->n_triangles;
-    grower g = { .ctx = ctx, .mesh = mesh, .texel_m = texel_m, .largest_m = largest_m, .out = out };
+    grower g = { .ctx = ctx, .mesh = mesh, .limits = *limits, .out = out };
     *out = (cn_charts){ .triangles = malloc((n + 1) * sizeof *out->triangles) };
     g.beside = malloc((3 * n + 1) * sizeof *g.beside);
     g.normal = malloc((n + 1) * sizeof *g.normal);

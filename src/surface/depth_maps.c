@@ -184,11 +184,22 @@ cn_status cn_depth_maps_add(cn_depth_maps *m, const cn_context *ctx, const cn_su
     return status;
 }
 
+/* A write through the mapping to a hole of the file kills the process when the disk is full: the file gets its blocks
+ * before it is mapped. */
+static cn_status take_room(const cn_depth_maps *m, size_t size)
+{
+    int error;
+    do
+        error = posix_fallocate(m->fd, 0, (off_t)size);
+    while (error == EINTR);
+    return error ? cn_scratch_failure(m->path, "write", error) : CN_OK;
+}
+
 cn_status cn_depth_maps_finish(cn_depth_maps *m, bool refine)
 {
     const size_t part = m->n_pixels * sizeof *m->pixels, size = sizeof(head) + (refine ? 2 : 1) * part;
     if (!part) return cn_fail(CN_ERR_DATA, "no photo has a pose; run `conurb poses` first");
-    if (refine && ftruncate(m->fd, (off_t)size) != 0) return cn_scratch_failure(m->path, "write", errno);
+    CN_TRY(take_room(m, size));
     void *at = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, m->fd, 0);
     if (at == MAP_FAILED) return cn_scratch_failure(m->path, "read", errno);
     m->mapped = at;

@@ -1,5 +1,7 @@
 #include "surface/gltf.h"
 
+#include "geo/heights.h"
+
 #include <stdlib.h>
 
 json_t *cn_mesh_about_json(const cn_mesh_about *a)
@@ -10,8 +12,9 @@ json_t *cn_mesh_about_json(const cn_mesh_about *a)
     if (about && a->tiles) json_object_set_new(about, "tiles", json_string(a->tiles));
     if (about && f->georeferenced)
         json_object_set_new(about, "origin_wgs84",
-                            json_pack("{s:o, s:o, s:o}", "latitude_deg", cn_json_real(f->latitude_deg), "longitude_deg",
-                                      cn_json_real(f->longitude_deg), "height_m", cn_json_real(f->height_m)));
+                            json_pack("{s:o, s:o, s:o, s:s}", "latitude_deg", cn_json_real(f->latitude_deg),
+                                      "longitude_deg", cn_json_real(f->longitude_deg), "height_m",
+                                      cn_json_real(f->height_m), "heights", cn_frame_heights(f)));
     return about;
 }
 
@@ -34,8 +37,8 @@ void cn_mesh_comments(FILE *stream, const cn_mesh_about *about, const char *mark
         write_text(stream, about->tiles);
     }
     if (f->georeferenced)
-        fprintf(stream, "%s origin: latitude %.9f, longitude %.9f, ellipsoidal height %.4f m (WGS84)\n", mark,
-                f->latitude_deg, f->longitude_deg, f->height_m);
+        fprintf(stream, "%s origin: latitude %.9f, longitude %.9f, height %.4f m %s\n", mark, f->latitude_deg,
+                f->longitude_deg, f->height_m, cn_frame_heights(f));
 }
 
 cn_status cn_gltf_head(FILE *stream, json_t *root, uint32_t size)

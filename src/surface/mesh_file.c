@@ -29,6 +29,15 @@ cn_status cn_mesh_format_of(const char *path, cn_mesh_format *format)
     return cn_fail(CN_ERR_USAGE, "%s: a mesh ends with .ply, .obj or .glb", path);
 }
 
+cn_status cn_mesh_check_path(const char *path, bool textured)
+{
+    cn_mesh_format format;
+    CN_TRY(cn_mesh_format_of(path, &format));
+    return textured && format == CN_MESH_PLY
+               ? cn_fail(CN_ERR_USAGE, "%s: a PLY has no textures; give a .glb or an .obj", path)
+               : CN_OK;
+}
+
 /* ---- PLY and OBJ ---- */
 
 static cn_status next_kept(const mesh_output *o, uint32_t *i, cn_surface_vertex *v)

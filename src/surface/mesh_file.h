@@ -8,6 +8,8 @@
 typedef enum cn_mesh_format { CN_MESH_PLY, CN_MESH_OBJ, CN_MESH_GLB } cn_mesh_format;
 /* By the path's ending. CN_ERR_USAGE. */
 CN_NODISCARD cn_status cn_mesh_format_of(const char *path, cn_mesh_format *format);
+/* Whether a mesh can have this name. CN_ERR_USAGE: another ending, or one without room for textures. */
+CN_NODISCARD cn_status cn_mesh_check_path(const char *path, bool textured);
 
 /* Writes the vertices that number[] keeps, and their triangles. n: how many of each. Reads `triangles` from the
  * beginning. Atomic. CN_ERR_USAGE: too large for the format. */

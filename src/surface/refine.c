@@ -17,7 +17,9 @@ enum {
 #define WORST_COST 0.3f
 /* So many of so many maps, those taken nearest, show the same place, or the depth is not moved. */
 enum { NEIGHBOURS = 24, SUPPORT = 2 };
-#define SAME 0.01 /* of the distance */
+#define SAME 0.01        /* of the distance */
+enum { REFUSED = 0x80 }; /* in a pixel's band, while maps are checked: the rendered depth comes back */
+_Static_assert((int)CN_DEPTH_WIDEST < (int)REFUSED, "no band has this bit");
 
 typedef struct refining {
     cn_depth_maps *maps;
@@ -116,7 +118,6 @@ static cn_status refine_some(refining *r)
 typedef struct checking {
     const cn_depth_maps *maps;
     uint32_t map, nearest[1 + NEIGHBOURS], n_nearest, needed; /* nearest: the map itself, then the others */
-    uint8_t *wrong;                                           /* [pixel of all maps] */
 } checking;
 
 static void check_row(void *user, size_t row, unsigned worker)
@@ -127,7 +128,7 @@ static void check_row(void *user, size_t row, unsigned worker)
     (void)worker;
     for (uint32_t x = 0; x < width; x++) {
         const size_t i = map->first + row * width + x;
-        const cn_depth_pixel *pixel = &c->maps->pixels[i];
+        cn_depth_pixel *pixel = &c->maps->pixels[i];
         double away[3], xyz[3];
         if (!pixel->band || !isfinite(pixel->depth_m) || !cn_depth_pixel_moved(c->maps, pixel)) continue;
         if (!cn_depth_map_ray(map, x, (uint32_t)row, away)) continue;
@@ -139,20 +140,18 @@ static void check_row(void *user, size_t row, unsigned worker)
             support += cn_depth_map_look(c->maps, &c->maps->maps[c->nearest[n]], xyz, &sight) &&
                        fabs(sight.sight_m) < SAME * sight.distance_m;
         }
-        c->wrong[i] = support < c->needed;
+        pixel->band = (uint8_t)(support < c->needed ? pixel->band | REFUSED : pixel->band & ~REFUSED);
     }
 }
 
 /* A depth that was moved stays if enough other maps show the same place; else the rendered one comes back. All are
- * looked at before the first one is changed: the order does not matter. */
+ * looked at before the first one is changed: the order does not matter. Marks lie in the file's pixels, since a byte
+ * for each pixel of all photos may not fit into memory; a run that goes on sets them again. */
 static cn_status check_all(cn_depth_maps *maps, const cn_context *ctx)
 {
-    checking c = { .maps = maps,
-                   .n_nearest = maps->n < 1 + NEIGHBOURS ? maps->n : 1 + NEIGHBOURS,
-                   .wrong = calloc(maps->n_pixels, 1) };
+    checking c = { .maps = maps, .n_nearest = maps->n < 1 + NEIGHBOURS ? maps->n : 1 + NEIGHBOURS };
     c.needed = c.n_nearest - 1 < SUPPORT ? c.n_nearest - 1 : SUPPORT;
-    cn_status status =
-        c.wrong ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the pixels of %u depth maps", maps->n);
+    cn_status status = CN_OK;
     for (; c.map < maps->n && status == CN_OK; c.map++) {
         status = cn_depth_maps_nearest(maps, c.map, 1, c.n_nearest, c.nearest);
         if (status != CN_OK) break;
@@ -165,9 +164,8 @@ static cn_status check_all(cn_depth_maps *maps, const cn_context *ctx)
     /* A run that is killed from here on leaves maps of which some are changed: they are then made again. */
     if (status == CN_OK) status = cn_depth_maps_keep(maps, 0, false);
     for (size_t i = 0; i < maps->n_pixels && status == CN_OK; i++)
-        if (c.wrong[i]) maps->pixels[i] = maps->rendered[i];
+        if (maps->pixels[i].band & REFUSED) maps->pixels[i] = maps->rendered[i];
     if (status == CN_OK) status = cn_depth_maps_keep(maps, maps->n, true);
-    free(c.wrong);
     return status;
 }
 

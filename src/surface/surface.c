@@ -399,7 +399,8 @@ static cn_status export_surface(const cn_context *ctx, const cn_surface_source *
     cn_nets_deinit(&j.nets);
     cn_fusion_deinit(&j.fusion);
     cn_triangles_close(&j.triangles);
-    cn_depth_maps_close(&j.maps, status == CN_ERR_INTERRUPTED);
+    /* What failed after hours of rendering may be a full disk or a chart: only of wrong data the maps are no use. */
+    cn_depth_maps_close(&j.maps, status != CN_OK && status != CN_ERR_DATA);
     cn_keys_deinit(&j.blocks);
     free(j.places);
     free(j.which);
@@ -409,10 +410,7 @@ static cn_status export_surface(const cn_context *ctx, const cn_surface_source *
 cn_status cn_surface_export(const cn_context *ctx, const cn_surface_source *source, const char *path,
                             cn_surface_report *out)
 {
-    cn_mesh_format format;
-    CN_TRY(cn_mesh_format_of(path, &format));
-    if (source->page_px && format == CN_MESH_PLY)
-        return cn_fail(CN_ERR_USAGE, "%s: a PLY has no textures; give a .glb or an .obj", path);
+    CN_TRY(cn_mesh_check_path(path, source->page_px));
     return export_surface(ctx, source, path, NULL, out);
 }
 

@@ -5,6 +5,7 @@
 #include "base/scratch.h"
 #include "bridge/oiio.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -61,7 +62,7 @@ static cn_status add_chart(textured_job *j, const cn_chart *chart, uint32_t firs
         const uint32_t vertex = m->corners[3 * (size_t)list[i / 3] + i % 3];
         if (j->local[vertex] == UINT32_MAX) {
             double px[2];
-            cn_chart_project(chart, j->in->texel_m, m->vertices[vertex].xyz, px);
+            cn_chart_project(chart, m->vertices[vertex].xyz, px);
             for (int k = 0; k < 2; k++)
                 px[k] = (px[k] + chart->at_px[k]) / side;
             CN_TRY(add_vertex(j, vertex, px));
@@ -109,7 +110,6 @@ static cn_status bake_sheet(textured_job *j, uint32_t page)
                            .source = j->in->source,
                            .mesh = j->in->mesh,
                            .charts = &j->charts,
-                           .texel_m = j->in->texel_m,
                            .reach_m = j->in->reach_m,
                            .progress = report_texels,
                            .user = j };
@@ -269,6 +269,7 @@ typedef struct obj_files {
     textured_job *job;
     cn_writer *writers; /* images, then MTL, then OBJ */
     char *stem;         /* path without its ending */
+    char *beside;       /* the same for MTL and images: a name in these files ends at white space, so it has none */
 } obj_files;
 
 static void write_obj(const obj_files *o, FILE *to)
@@ -276,7 +277,7 @@ static void write_obj(const obj_files *o, FILE *to)
     const textured_job *j = o->job;
     const cn_mesh *m = j->in->mesh;
     cn_mesh_comments(to, j->in->about, "#");
-    fprintf(to, "mtllib %s.mtl\n", cn_path_base(o->stem));
+    fprintf(to, "mtllib %s.mtl\n", cn_path_base(o->beside));
     for (uint32_t i = 0; i < m->n_vertices; i++) {
         const cn_surface_vertex *v = &m->vertices[i];
         fprintf(to, "v %.9g %.9g %.9g\nvn %.4f %.4f %.4f\n", (double)v->xyz[0], (double)v->xyz[1], (double)v->xyz[2],
@@ -299,7 +300,7 @@ static void write_mtl(const obj_files *o, FILE *to)
     cn_mesh_comments(to, o->job->in->about, "#");
     for (uint32_t p = 0; p < o->job->atlas.n; p++)
         fprintf(to, "newmtl page%u\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd %s-%u.jpg\n", p + 1,
-                cn_path_base(o->stem), p + 1);
+                cn_path_base(o->beside), p + 1);
 }
 
 static cn_status write_files(obj_files *o)
@@ -307,8 +308,9 @@ static cn_status write_files(obj_files *o)
     const uint32_t n = o->job->atlas.n;
     cn_status status = CN_OK;
     for (uint32_t i = 0; i < n + 2 && status == CN_OK; i++) {
-        char *name =
-            i < n ? cn_format("%s-%u.jpg", o->stem, i + 1) : cn_format("%s.%s", o->stem, i > n ? "obj" : "mtl");
+        char *name = i < n    ? cn_format("%s-%u.jpg", o->beside, i + 1)
+                     : i == n ? cn_format("%s.mtl", o->beside)
+                              : cn_format("%s.obj", o->stem);
         status = name ? cn_writer_open(&o->writers[i], name) : cn_fail(CN_ERR_NOMEM, "out of memory");
         if (status == CN_OK && i < n) status = copy_image(o->job, &o->job->sheets[i], o->writers[i].stream);
         if (status == CN_OK && i == n) write_mtl(o, o->writers[i].stream);
@@ -326,14 +328,19 @@ static cn_status write_files(obj_files *o)
 
 static cn_status write_objs(textured_job *j)
 {
-    obj_files o = { j, calloc(j->atlas.n + (size_t)2, sizeof *o.writers),
-                    cn_format("%.*s", (int)strlen(j->path) - 4, j->path) };
-    cn_status status = o.writers && o.stem ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u files", j->atlas.n);
+    const int length = (int)strlen(j->path) - 4;
+    obj_files o = { j, calloc(j->atlas.n + (size_t)2, sizeof *o.writers), cn_format("%.*s", length, j->path),
+                    cn_format("%.*s", length, j->path) };
+    for (char *c = o.beside ? o.beside + (cn_path_base(o.beside) - o.beside) : NULL; c && *c; c++)
+        if (isspace((unsigned char)*c)) *c = '_';
+    cn_status status =
+        o.writers && o.stem && o.beside ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u files", j->atlas.n);
     const locale_t before = cn_number_begin();
     if (status == CN_OK) status = write_files(&o);
     cn_number_end(before);
     free(o.writers);
     free(o.stem);
+    free(o.beside);
     return status;
 }
 
@@ -354,8 +361,9 @@ static cn_status lay_out(textured_job *j)
     const cn_mesh *m = j->in->mesh;
     const uint32_t side = j->in->source->page_px;
     /* A chart fits onto a page, whichever way it turns. */
-    const double largest = j->in->texel_m * (side / 2.0 - 2 * CN_ATLAS_GUTTER);
-    CN_TRY(cn_charts_grow(j->in->ctx, m, j->in->texel_m, fmin(largest, 512 * j->in->texel_m), &j->charts));
+    const double largest = j->in->texel_m * fmin(side / 2.0 - 2 * CN_ATLAS_GUTTER, 512);
+    const cn_chart_limits limits = { j->in->texel_m, largest, side - 2 * CN_ATLAS_GUTTER - 2 };
+    CN_TRY(cn_charts_grow(j->in->ctx, m, &limits, &j->charts));
     CN_TRY(cn_atlas_pack(&j->charts, side, &j->atlas));
     for (uint32_t i = 0; i < j->charts.n; i++)
         j->texels += (uint64_t)j->charts.charts[i].size_px[0] * j->charts.charts[i].size_px[1];

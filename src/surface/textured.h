@@ -19,9 +19,9 @@ typedef struct cn_textured_report {
     uint64_t n_texels; /* of all pages */
     double used;       /* part of them that charts cover */
 } cn_textured_report;
-/* F.glb: JPEG textures inside, a material without lighting for each. F.obj: F.mtl and F-1.jpg, F-2.jpg, ... beside it;
- * all or none of the files are replaced. report may be NULL. Memory: 70 bytes for each triangle, and one page. Scratch
- * files for the encoded pages are made in path's folder. CN_ERR_USAGE: too large for the format. CN_ERR_IO,
- * CN_ERR_NOMEM, CN_ERR_INTERRUPTED: old files stay. */
+/* F.glb: JPEG textures inside, a material without lighting for each. F.obj: F.mtl and F-1.jpg, F-2.jpg, ... beside it,
+ * with _ for white space in F; all or none of the files are replaced. report may be NULL. Memory: 70 bytes for each
+ * triangle, and one page. Scratch files for the encoded pages are made in path's folder. CN_ERR_USAGE: too large for
+ * the format. CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED: old files stay. */
 CN_NODISCARD cn_status cn_textured_write(const cn_textured *textured, const char *path, cn_textured_report *report);
 #endif

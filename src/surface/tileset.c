@@ -3,6 +3,7 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/json.h"
+#include "geo/tile_box.h"
 
 #include <math.h>
 #include <meshoptimizer.h>
@@ -11,6 +12,7 @@
 
 enum { FEWEST = 300 }; /* indices that are worth simplifying */
 #define COLOUR_M 6     /* black is so many of the allowed error away from white */
+#define TEXELS 8       /* of error: viewers refine at 16 pixels, where a texel then has 2 */
 
 typedef struct tiler {
     const cn_context *ctx;
@@ -184,11 +186,16 @@ static void report_texels(void *user, double done)
     report(user);
 }
 
+static double texel_of(const tiler *t, uint32_t level)
+{
+    return t->set->textured->texel_m * (1 << (t->depth - (int)level));
+}
+
 static cn_status write_textured(tiler *t, const cn_mesh *mesh, const node *at, uint32_t level, const char *path)
 {
     cn_textured textured = *t->set->textured;
     textured.mesh = mesh;
-    textured.texel_m *= 1 << (t->depth - (int)level);
+    textured.texel_m = texel_of(t, level);
     textured.reach_m += at->error_m;
     textured.progress = report_texels;
     textured.user = t;
@@ -214,6 +221,7 @@ static json_t *box_of(const cn_surface_vertex *vertices, uint32_t n)
 static cn_status write_tile(tiler *t, node *at, const uint32_t place[3], json_t *children)
 {
     const bool leaf = place[0] == (uint32_t)t->depth; /* there is nothing finer to load */
+    const double blur_m = t->set->textured ? TEXELS * texel_of(t, place[0]) : 0;
     char name[64];
     snprintf(name, sizeof name, "%u-%u-%u.glb", place[0], place[1], place[2]);
     char *path = cn_path_join(t->folder, name);
@@ -227,7 +235,7 @@ static cn_status write_tile(tiler *t, node *at, const uint32_t place[3], json_t 
     if (status == CN_OK)
         at->json =
             json_pack("{s:{s:o}, s:o, s:s, s:{s:s}}", "boundingVolume", "box", box_of(vertices, n), "geometricError",
-                      cn_json_real(leaf ? 0 : at->error_m), "refine", "REPLACE", "content", "uri", name);
+                      cn_json_real(leaf ? 0 : fmax(at->error_m, blur_m)), "refine", "REPLACE", "content", "uri", name);
     if (at->json && json_array_size(children)) json_object_set(at->json, "children", children);
     free(path);
     free(vertices);
@@ -291,12 +299,11 @@ static cn_status build(tiler *t, const uint32_t place[3], node *out)
 static cn_status save_tileset(const tiler *t, node *root)
 {
     const cn_mesh_about *about = t->set->about;
+    cn_tile_box_widen(root->json); /* simplification may have taken what sticks out of a parent's box */
     /* The error of drawing nothing is the diagonal of the root's box: viewers do not even load the root where it is too
      * small to be seen. */
-    const json_t *box = json_object_get(json_object_get(root->json, "boundingVolume"), "box");
-    double sum = 0;
-    for (size_t k = 0; k < 3; k++)
-        sum += pow(json_number_value(json_array_get(box, 3 + 4 * k)), 2);
+    const double error_m =
+        fmax(cn_tile_box_across(root->json), json_number_value(json_object_get(root->json, "geometricError")));
     char generator[32];
     double m[16];
     snprintf(generator, sizeof generator, "Conurb %s", cn_version());
@@ -306,7 +313,7 @@ static cn_status save_tileset(const tiler *t, node *root)
     }
     json_t *json = json_pack("{s:{s:s, s:{s:s, s:s, s:o}}, s:o, s:O}", "asset", "version", "1.1", "extras", "generator",
                              generator, "light", about->appearance, "cube_m", cn_json_real(about->cube_m),
-                             "geometricError", cn_json_real(2 * sqrt(sum)), "root", root->json);
+                             "geometricError", cn_json_real(error_m), "root", root->json);
     char *path = cn_path_join(t->folder, "tileset.json");
     const cn_status status = json && path ? cn_json_save(json, path) : cn_fail(CN_ERR_NOMEM, "out of memory");
     json_decref(json);

@@ -19,7 +19,8 @@ typedef struct cn_tileset {
  * four others has a quarter of their triangles (quadric error; Garland and Heckbert 1997, by meshoptimizer), or more
  * where surface or colours would move by more than a cube (2 a level higher, and so on); vertices at a tile's border
  * stay, so that neighbours of any level meet. Its geometric error is that of its children and its own, in metres.
- * With textures the surface alone counts, and leaves too lose the triangles that it does not need within half a cube.
+ * With textures the surface alone counts, but the error is 8 of the tile's texels at least, so that a viewer refines
+ * what would look blurred; and leaves too lose the triangles that the surface does not need within half a cube.
  * Memory: about 50 bytes for each vertex and 60 for each triangle. CN_ERR_IO, CN_ERR_NOMEM, CN_ERR_INTERRUPTED. */
 CN_NODISCARD cn_status cn_tileset_write(const cn_context *ctx, const cn_tileset *tileset, const char *folder);
 #endif

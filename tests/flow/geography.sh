@@ -52,6 +52,17 @@ expect 5 "not a PLY" "a reference that is no PLY" "$conurb" eval "$work/town" --
 expect 2 ".glb" "a mesh of an unknown kind" "$conurb" export "$work/town" --mesh "$work/m.stl"
 expect 6 "nowhere" "a mesh in a folder that is not there" "$conurb" export "$work/town" --mesh "$work/nowhere/m.ply"
 [ ! -e "$work/x.tif" ] && good || bad "a failed export left a file"
+# What is written last is checked before what is written first.
+late() { expect "$1" "$2" "$3" "$conurb" export "$work/town" --ortho "$work/x.tif" --gsd 0.3 "${@:4}"; }
+late 6 nowhere "an orthophoto, and a surface model nowhere" --dsm "$work/nowhere/d.tif"
+late 6 nowhere "an orthophoto, and splats nowhere" --splats "$work/nowhere/s.ply"
+late 6 /proc/none "an orthophoto, and tiles nowhere" --3dtiles /proc/none/t
+late 2 .glb "an orthophoto, and a mesh of an unknown kind" --mesh "$work/m.stl"
+late 2 "PLY has no textures" "an orthophoto, and a textured PLY" --mesh "$work/m.ply" --texture 64
+late 2 .las "an orthophoto, and points of an unknown kind" --points "$work/p.laz"
+late 2 .spz "an orthophoto, and splats of an unknown kind" --splats "$work/s.splat"
+late 2 .chan "an orthophoto, and a camera of an unknown kind" --camera "$work/c.fbx"
+[ ! -e "$work/x.tif" ] && good || bad "an export whose last file cannot be began with the first"
 
 echo '{"type": "Point"}' >"$work/point.geojson"
 cat >"$work/street.geojson" <<'JSON'
@@ -70,6 +81,7 @@ city village 17
 ground village
 for command in poses plan train; do expect 0 "" "$command without GPS" "$conurb" "$command" "$work/village"; done
 expect 0 "no CRS" "export without GPS" "$conurb" export "$work/village" --gsd 0.3
+expect 4 "no GPS" "a ground model without metres" "$conurb" export "$work/village" --gsd 0.3 --dtm "$work/v.tif"
 has "UTM" "$work/village/export/dsm.tif" && bad "a city without GPS got a CRS" || good
 expect 5 "no GPS" "a street without GPS" "$conurb" render "$work/village" --path "$work/street.geojson"
 expect 0 "2 frames" "an orbit in local metres" "$conurb" render "$work/village" --orbit 0,0,3,2 --frames 2

@@ -141,7 +141,7 @@ open_cesium() {
 open_3dtiles() {
     need_node gltf-validator 3d-tiles-tools
     need gdaltransform assimp python3
-    expect 0 "3D Tiles" "3D Tiles" "$conurb" export "$work/demo" --3dtiles "$work/t" --gsd 0.6 \
+    expect 0 "3D Tiles" "3D Tiles" "$conurb" export "$work/demo" --3dtiles "$work/t" --gsd 0.55 \
         --appearance "$light"
     triangles=$(sed -n 's/.*vertices, \([0-9]*\) triangles.*/\1/p' "$work/out")
     for file in "$work"/t/*.glb; do valid "$file"; done
@@ -157,8 +157,8 @@ open_3dtiles() {
     assimp info "$work/t/0-0-0.glb" >"$work/out" 2>&1 && grep -q "Meshes: *1" "$work/out" && good ||
         bad "assimp does not open a tile"
     expect 6 "/proc/none" "a folder that cannot be" "$conurb" export "$work/demo" --3dtiles /proc/none/t --gsd 0.5
-    expect 0 "3D Tiles" "textured 3D Tiles" "$conurb" export "$work/demo" --3dtiles "$work/x" --gsd 0.6 \
-        --texture 128 --appearance "$light"
+    expect 0 "3D Tiles" "textured 3D Tiles" "$conurb" export "$work/demo" --3dtiles "$work/x" --gsd 0.55 \
+        --texture 64 --appearance "$light"
     for file in "$work"/x/*.glb; do valid "$file"; done
     python3 "$here/tileset.py" "$work/x" "$work/demo/frame.json" "$triangles" "$work/t" >"$work/out" 2>&1 && good ||
         bad "the tree of textured tiles"
@@ -176,7 +176,7 @@ open_position() {
     expect 0 "triangles" "every export" "$conurb" export "$work/demo" --mesh "$work/m.glb" --3dtiles "$work/t" \
         --points "$work/p.las" --ortho "$work/o.tif" --gsd 2
     expect 0 "points" "points as PLY" "$conurb" export "$work/demo" --points "$work/p.ply" --gsd 2
-    expect 0 "places agree" "a place in every export" python3 "$here/position.py" "$work" "$work/demo/frame.json"
+    expect 0 "places agree" "a place in every export" python3 "$here/position.py" "$work" "$work/demo"
     cat "$work/out"
 }
 

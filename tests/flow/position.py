@@ -1,6 +1,6 @@
 """One place in every export: glTF, 3D Tiles, LAS, the orthophoto's grid and Earth-centred metres agree to a centimetre.
 
-usage: position.py FOLDER FRAME.json     FOLDER: m.glb, t/ (3D Tiles), p.ply, p.las, o.tif of one city, same --gsd
+usage: position.py FOLDER CITY     FOLDER: m.glb, t/ (3D Tiles), p.ply, p.las, o.tif of the city, same --gsd
 """
 import json
 import math
@@ -9,8 +9,8 @@ import struct
 import subprocess
 import sys
 
-folder, frame = sys.argv[1:]
-origin = json.load(open(frame))["origin"]
+folder, city = sys.argv[1:]
+origin = json.load(open(os.path.join(city, "frame.json")))["origin"]
 local = "+proj=topocentric +ellps=WGS84 +lat_0={latitude_deg} +lon_0={longitude_deg} +h_0={height_m}".format(**origin)
 
 
@@ -46,7 +46,8 @@ def largest(a, b):
 # glTF: its own words say where it is; the places are those of the frame.
 root, vertices = gltf("m.glb")
 said = root.get("extras", root["asset"].get("extras"))["origin_wgs84"]
-assert all(abs(said[k] - origin[k]) < 1e-9 for k in origin if k in said) and len(said) == 3, said
+assert all(abs(said[k] - origin[k]) < 1e-9 for k in origin if k in said) and len(said) == 4, said
+assert said["heights"] == "above the WGS84 ellipsoid", said
 known = [(x, -z, y) for x, y, z in vertices[:: len(vertices) // 50]]
 earth = ecef_of_local(known)
 
@@ -76,6 +77,19 @@ points = [[s * v + o for s, v, o in zip(scale, struct.unpack_from("<iii", las, f
 places = [row[:3] for row in rows[::step]]
 las_m = largest(proj("+inv +proj=utm +zone=32 +ellps=WGS84 +step +proj=cart +ellps=WGS84", points),
                 ecef_of_local(places))
+
+# The sky is opaque and has no depth: taken for a surface, it would put points where the cameras are.
+data, at, cameras = open(os.path.join(city, "poses/model/images.bin"), "rb").read(), 8, 0
+for _ in range(struct.unpack_from("<Q", data)[0]):
+    w, x, y, z, *t = struct.unpack_from("<7d", data, at + 4)
+    rotation = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+    centre = [-sum(rotation[k][i] * t[k] for k in range(3)) for i in range(3)]
+    cameras += any(math.dist(centre, row[:3]) < 1e-3 for row in rows)
+    at = data.index(b"\0", at + 64) + 1
+    at += 8 + 24 * struct.unpack_from("<Q", data, at)[0]
+assert cameras == 0, f"{cameras} cameras have a point where they are"
 
 # The orthophoto's grid: where GDAL finds the pixel of a place is where its own numbers put it.
 info = json.loads(subprocess.run(["gdalinfo", "-json", path("o.tif")], capture_output=True, check=True).stdout)

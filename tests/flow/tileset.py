@@ -73,6 +73,9 @@ def visit(tile, level):
     sample.extend(own[0][:: max(1, len(own[0]) // 20)])
     below = [visit(child, level + 1) for child in tile.get("children", [])]
     for child in tile.get("children", []):
+        inner = child["boundingVolume"]["box"]
+        for k in range(3):
+            assert abs(inner[k] - box[k]) + inner[3 + 4 * k] <= half[k] + 1e-6, (tile["content"], box, inner)
         assert child["geometricError"] <= tile["geometricError"], tile["content"]
     if not below:
         assert tile["geometricError"] == 0
@@ -80,6 +83,9 @@ def visit(tile, level):
         leaf_meshes.append(own)
     else:
         assert 0 < len(own[1]) <= sum(len(part[1]) for part in below)
+        if mesh is not None:  # a texel is as large as a cube, twice that a level higher; 16 pixels show 8 of them
+            texel = tileset["asset"]["extras"]["cube_m"] * 2 ** (deepest(folder) - level)
+            assert tile["geometricError"] >= 8 * texel, (tile["content"], tile["geometricError"], texel)
         rim = {edge for edge, n in edges_of(below).items() if n == 1}
         missing += len(rim - edges_of([own]).keys())
         rims += len(rim)

@@ -110,6 +110,7 @@ static void check_heights(const cn_raster_report *report)
     assert_int_equal(GDALRasterIO(GDALGetRasterBand(d, 1), GF_Read, 0, 0, (int)report->width, (int)report->height,
                                   heights, (int)report->width, (int)report->height, GDT_Float32, 0, 0),
                      CE_None);
+    assert_string_equal(GDALGetRasterUnitType(GDALGetRasterBand(d, 1)), report->epsg ? "metre" : "");
     GDALClose(d);
     uint64_t covered = 0;
     const double base = report->epsg ? t.frame.height_m : 0;
@@ -253,6 +254,25 @@ static void las_on_earth(void **state)
     assert_int_equal(cn_export_points(NULL, survey, "/nonexistent/p.las", 0.5, NULL), CN_ERR_IO);
 }
 
+static void count_report(void *user, const cn_progress_report *r)
+{
+    (void)r;
+    ++*(int *)user;
+}
+
+/* The second file's folder is missing: nothing is rendered for the first one. */
+static void files_are_checked_first(void **state)
+{
+    (void)state;
+    int reports = 0;
+    const cn_context ctx = { .progress = count_report, .user = &reports };
+    const cn_raster_options lost = { ortho, "/nonexistent/d.tif", 0.5 }, folder = { t.folder, NULL, 0.5 };
+    assert_int_equal(cn_export_rasters(&ctx, survey, &lost, NULL), CN_ERR_IO);
+    assert_non_null(strstr(cn_error_message(), "/nonexistent/d.tif"));
+    assert_int_equal(cn_export_rasters(&ctx, survey, &folder, NULL), CN_ERR_IO);
+    assert_int_equal(reports, 0);
+}
+
 static void what_cannot_be_exported(void **state)
 {
     (void)state;
@@ -285,6 +305,7 @@ int main(void)
         cmocka_unit_test(rasters_on_earth),
         cmocka_unit_test(points_with_their_frame),
         cmocka_unit_test(las_on_earth),
+        cmocka_unit_test(files_are_checked_first),
         cmocka_unit_test(what_cannot_be_exported),
     };
     return cmocka_run_group_tests(tests, begin, end);

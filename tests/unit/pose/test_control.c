@@ -362,6 +362,7 @@ static void test_without_gps(void **state)
     const cn_frame local = frame;
     assert_int_equal(cn_control_apply(&CONTEXT, &task, &scene, &frame, &fit), CN_OK);
     assert_true(frame.georeferenced && length(fit.check_rms_m) < 0.03 && worst_centre(&frame) < 0.15);
+    assert_true(frame.geoid_applied == (frame.geoid_height_m != 0)); /* its heights are above the ellipsoid */
     assert_true(isnan(fit.check_before_m[0]));
     cn_control_fit_deinit(&fit);
     for (int c = 2; c < N_CONTROL; c++)

@@ -363,12 +363,17 @@ static void give_gps(double latitude_deg)
 static void test_place(void **state)
 {
     (void)state;
-    const cn_import_origin origin = { .known = true, .latitude_deg = 47.5, .longitude_deg = 8.25, .height_m = 400 };
+    cn_import_origin origin = { .known = true, .latitude_deg = 47.5, .longitude_deg = 8.25, .height_m = 400 };
     cn_scene scene = { .cameras = &camera, .n_cameras = 1, .views = views, .n_views = N };
     cn_frame frame;
     const double was = views[2].translation[0];
     assert_int_equal(cn_import_place(&CONTEXT, &scene, &photo_index, 5.0, &origin, &frame), CN_OK);
     assert_true(frame.georeferenced && frame.latitude_deg == 47.5 && frame.height_m == 400);
+    assert_true(frame.geoid_applied); /* Metashape's heights are above the ellipsoid: no less so than converted ones */
+    origin.sea_level = true;
+    assert_int_equal(cn_import_place(&CONTEXT, &scene, &photo_index, 5.0, &origin, &frame), CN_OK);
+    assert_true(frame.height_m == 400 + frame.geoid_height_m && frame.geoid_applied == (frame.geoid_height_m != 0));
+    origin.sea_level = false;
     assert_int_equal(frame.n_gps, 0);
     give_gps(47.5);
     assert_int_equal(cn_import_place(&CONTEXT, &scene, &photo_index, 5.0, &origin, &frame), CN_OK);

@@ -6,11 +6,13 @@
 
 #include "fixture.h"
 #include "photo/store.h"
+#include "surface/depth_maps.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 enum { VIEWS = 34, SIDE = 64, POINTS = 400 }; /* more views than are refined at once */
 #define RADIUS 4.0
@@ -248,11 +250,31 @@ static void a_stopped_refinement_goes_on(void **state)
     }
 }
 
+/* The refined maps are written through a mapping, where a full disk cannot be an error: their room is taken before. */
+static void refined_maps_have_room_on_disk(void **state)
+{
+    (void)state;
+    struct stat file;
+    cn_depth_maps maps;
+    const cn_context ctx = { .pool = pool };
+    const cn_surface_source source = { .scene = &scene, .draw = draw, .width_px = SIDE, .colour = colour };
+    char *path = cn_path_join(folder, "room.ply");
+    assert_int_equal(cn_depth_maps_open(&maps, path, 0, VIEWS), CN_OK);
+    for (uint32_t i = 0; i < VIEWS; i++)
+        assert_int_equal(cn_depth_maps_add(&maps, &ctx, &source, &views[i]), CN_OK);
+    assert_int_equal(cn_depth_maps_finish(&maps, true), CN_OK);
+    assert_int_equal(fstat(maps.fd, &file), 0);
+    assert_true((uint64_t)file.st_size == maps.mapped_size && 512 * (uint64_t)file.st_blocks >= maps.mapped_size);
+    cn_depth_maps_close(&maps, false);
+    free(path);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(depths_move_to_where_the_photos_match),
         cmocka_unit_test(a_stopped_refinement_goes_on),
+        cmocka_unit_test(refined_maps_have_room_on_disk),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

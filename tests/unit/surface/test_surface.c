@@ -28,7 +28,8 @@ static char folder[] = "/tmp/conurb_surface_XXXXXX";
 static double hidden_x; /* the surface is drawn where x is below */
 static bool speck;      /* a small ball beside the large one */
 static uint64_t key;
-static int draws, stop_at; /* stop_at: the draw that is interrupted; 0: none */
+static int draws, stop_at; /* stop_at: the draw that fails; 0: none */
+static cn_status failure;  /* of that draw */
 static double apart;       /* half of how far the views' depths are apart */
 static bool by_distance;   /* the field's own distance is that of a ball which is larger by LARGER */
 #define LARGER 0.07
@@ -60,7 +61,7 @@ static cn_status draw(void *user, const cn_context *ctx, const cn_camera *c, con
     double eye[3];
     (void)user;
     (void)ctx;
-    if (++draws == stop_at) return cn_fail(CN_ERR_INTERRUPTED, "stopped");
+    if (++draws == stop_at) return cn_fail(failure, "stopped");
     cn_view_centre(view, eye);
     for (uint32_t i = 0; i < c->width * c->height; i++) {
         double in_camera[3], dir[3];
@@ -169,6 +170,7 @@ static void a_ball_is_closed_and_round(void **state)
     read_back("ball.ply", &data, &size);
     const size_t head = (size_t)(strstr(data, "end_header\n") - data) + strlen("end_header\n");
     assert_non_null(strstr(data, "latitude 48.000000000"));
+    assert_non_null(strstr(data, "height 500.0000 m above the sea")); /* no geoid was applied */
     assert_non_null(strstr(data, "light: mean"));
     const char *body = data + head;
     assert_int_equal(size, head + 27 * r.n_vertices + 13 * r.n_triangles);
@@ -261,7 +263,8 @@ static void threads_do_not_matter(void **state)
     free(two);
 }
 
-/* What was drawn before the stop is not drawn again, and the mesh is the same. Another key begins anew. */
+/* What was drawn before the stop, or before a failure such as a full disk, is not drawn again, and the mesh is the
+ * same. Another key begins anew, and wrong data leaves nothing. */
 static void a_stopped_export_goes_on(void **state)
 {
     (void)state;
@@ -270,13 +273,15 @@ static void a_stopped_export_goes_on(void **state)
     hidden_x = 1;
     assert_int_equal(make("one.ply", pool, NULL), CN_OK);
     key = 7;
-    for (int other = 0; other < 2; other++) {
+    for (int i = 0; i < 3; i++) {
+        const bool other = i == 2;
         draws = 0;
         stop_at = 11;
-        assert_int_equal(make("two.ply", pool, NULL), CN_ERR_INTERRUPTED);
+        failure = i == 1 ? CN_ERR_IO : CN_ERR_INTERRUPTED;
+        assert_int_equal(make("two.ply", pool, NULL), failure);
         assert_true(cn_file_exists(depths));
         draws = stop_at = 0;
-        key += (uint64_t)other;
+        key += other;
         assert_int_equal(make("two.ply", pool, NULL), CN_OK);
         assert_int_equal(draws, other ? VIEWS : VIEWS - 10);
         assert_false(cn_file_exists(depths));
@@ -287,7 +292,13 @@ static void a_stopped_export_goes_on(void **state)
         free(whole);
         free(resumed);
     }
+    draws = 0;
+    stop_at = 11;
+    failure = CN_ERR_DATA;
+    assert_int_equal(make("two.ply", pool, NULL), CN_ERR_DATA);
+    assert_false(cn_file_exists(depths));
     key = 0;
+    stop_at = 0;
     free(depths);
 }
 

@@ -109,7 +109,7 @@ static void pages_hold_every_chart_once(void **state)
     cn_mesh m = make_mesh(false);
     cn_charts charts;
     cn_atlas atlas;
-    assert_int_equal(cn_charts_grow(&ctx, &m, 0.03, 2, &charts), CN_OK);
+    assert_int_equal(cn_charts_grow(&ctx, &m, &(cn_chart_limits){ 0.03, 2, 246 }, &charts), CN_OK);
     assert_int_equal(charts.n_triangles, m.n_triangles);
     assert_in_range(charts.n, 6, 200);
     uint8_t *seen = calloc(m.n_triangles, 1), *used = malloc(256 * 256);
@@ -222,6 +222,27 @@ static void check_page(const json_t *root, const char *bin, size_t page, size_t 
     free(rgba);
 }
 
+static void check_glb(const cn_textured *textured, const char *name, cn_textured_report *report)
+{
+    char *path = cn_path_join(folder, name), *data;
+    size_t size, n = 0;
+    assert_int_equal(cn_textured_write(textured, path, report), CN_OK);
+    assert_int_equal(cn_file_read(path, 0, &data, &size), CN_OK);
+    uint32_t length;
+    memcpy(&length, data + 12, sizeof length);
+    json_t *root = json_loadb(data + 20, length, 0, NULL);
+    assert_non_null(root);
+    const json_t *extras = json_object_get(json_object_get(root, "asset"), "extras");
+    assert_string_equal(json_string_value(json_object_get(extras, "light")), "noon");
+    assert_string_equal(json_string_value(json_object_get(extras, "tiles")), "1: A");
+    for (uint32_t p = 0; p < report->n_pages; p++)
+        check_page(root, data + 28 + length, p, &n);
+    assert_int_equal(n, textured->mesh->n_triangles);
+    json_decref(root);
+    free(data);
+    free(path);
+}
+
 static void a_texture_shows_what_is_there(void **state)
 {
     (void)state;
@@ -232,25 +253,30 @@ static void a_texture_shows_what_is_there(void **state)
     assert_int_equal(cn_mesh_simplify(&ctx, &m, &(cn_mesh_wish){ 4000, INFINITY, 0.01, INFINITY }, &error_m), CN_OK);
     const cn_textured textured = textured_of(&ctx, &source, &m);
     cn_textured_report report;
-    char *path = cn_path_join(folder, "ring.glb"), *data;
-    size_t size, n = 0;
-    assert_int_equal(cn_textured_write(&textured, path, &report), CN_OK);
+    check_glb(&textured, "ring.glb", &report);
     assert_true(report.n_pages > 1 && report.used > 0.3);
-    assert_int_equal(cn_file_read(path, 0, &data, &size), CN_OK);
-    uint32_t length;
-    memcpy(&length, data + 12, sizeof length);
-    json_t *root = json_loadb(data + 20, length, 0, NULL);
-    assert_non_null(root);
-    const json_t *extras = json_object_get(json_object_get(root, "asset"), "extras");
-    assert_string_equal(json_string_value(json_object_get(extras, "light")), "noon");
-    assert_string_equal(json_string_value(json_object_get(extras, "tiles")), "1: A");
-    for (uint32_t p = 0; p < report.n_pages; p++)
-        check_page(root, data + 28 + length, p, &n);
-    assert_int_equal(n, m.n_triangles);
-    json_decref(root);
-    free(data);
-    free(path);
     cn_mesh_deinit(&m);
+}
+
+/* Flat ground may be two triangles of 1000 texels a side: a page of 64 gets larger ones. */
+static void a_triangle_wider_than_a_page_fits(void **state)
+{
+    (void)state;
+    const cn_context ctx = { .pool = pool };
+    const cn_surface_source source = { .colour = colour, .page_px = 64, .shade = shade, .cube_m = 0.1 };
+    cn_surface_vertex corner[4] = { { .xyz = { 0 } } };
+    uint32_t corners[6] = { 0, 1, 2, 2, 1, 3 };
+    for (int i = 0; i < 4; i++)
+        corner[i] = (cn_surface_vertex){ .xyz = { 2.0f * (float)(i & 1), (float)(i & 2), 0 }, .normal = { 0, 0, 1 } };
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 3; k++)
+            corner[i].eye[k] = corner[i].xyz[k] + 10 * corner[i].normal[k];
+    const cn_mesh m = { corner, corners, 4, 2 };
+    cn_textured textured = textured_of(&ctx, &source, &m);
+    cn_textured_report report;
+    textured.texel_m = 0.002;
+    check_glb(&textured, "wide.glb", &report);
+    assert_int_equal(report.n_pages, 2); /* neither fits beside the other */
 }
 
 /* OBJ: vertices keep their numbers, so the ring is closed. Nothing changes when one of its files cannot be written. */
@@ -263,12 +289,12 @@ static void an_obj_is_closed_and_whole(void **state)
     double error_m;
     assert_int_equal(cn_mesh_simplify(&ctx, &m, &(cn_mesh_wish){ 2000, INFINITY, 0.01, INFINITY }, &error_m), CN_OK);
     const cn_textured textured = textured_of(&ctx, &source, &m);
-    char *path = cn_path_join(folder, "ring.obj"), *data;
+    char *path = cn_path_join(folder, "a ring.obj"), *data;
     size_t size, n = 0;
     assert_int_equal(cn_textured_write(&textured, path, NULL), CN_OK);
     assert_int_equal(cn_file_read(path, 0, &data, &size), CN_OK);
     uint32_t *corners = malloc(3 * (size_t)m.n_triangles * sizeof *corners);
-    assert_non_null(strstr(data, "mtllib ring.mtl\n"));
+    assert_non_null(strstr(data, "mtllib a_ring.mtl\n"));
     for (const char *at = data; (at = strstr(at, "\nf ")); at++, n++) {
         assert_true(n < m.n_triangles);
         assert_int_equal(
@@ -278,13 +304,17 @@ static void an_obj_is_closed_and_whole(void **state)
     assert_int_equal(open_edges(corners, n), 0);
     free(data);
     free(corners);
-    static const char *const beside[] = { "ring.mtl", "ring-1.jpg" };
+    /* A name in these files ends at white space. */
+    static const char *const beside[] = { "a_ring.mtl", "a_ring-1.jpg" };
     for (int i = 0; i < 2; i++) {
         char *other = cn_path_join(folder, beside[i]);
         assert_true(cn_file_exists(other));
         free(other);
     }
     free(path);
+    read_from(folder, "a_ring.mtl", &data, &size);
+    assert_non_null(strstr(data, "map_Kd a_ring-1.jpg\n"));
+    free(data);
     char *nowhere = cn_path_join(folder, "none/ring.obj");
     assert_int_equal(cn_textured_write(&textured, nowhere, NULL), CN_ERR_IO);
     free(nowhere);
@@ -354,11 +384,9 @@ static int end(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(cells_leave_no_crack),
-        cmocka_unit_test(pages_hold_every_chart_once),
-        cmocka_unit_test(a_texture_shows_what_is_there),
-        cmocka_unit_test(an_obj_is_closed_and_whole),
-        cmocka_unit_test(a_full_disk_leaves_the_old_file),
+        cmocka_unit_test(cells_leave_no_crack),          cmocka_unit_test(pages_hold_every_chart_once),
+        cmocka_unit_test(a_texture_shows_what_is_there), cmocka_unit_test(a_triangle_wider_than_a_page_fits),
+        cmocka_unit_test(an_obj_is_closed_and_whole),    cmocka_unit_test(a_full_disk_leaves_the_old_file),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }
