@@ -1,7 +1,7 @@
 #include "effect/sky_even.h"
 
 #include "effect/display.h"
-#include "effect/sky_hints.h"
+#include "effect/sky_grid.h"
 
 #include <math.h>
 

@@ -9,7 +9,7 @@
 #include "base/file.h"
 #include "bridge/oiio.h"
 #include "effect/sky_even.h"
-#include "effect/sky_hints.h"
+#include "effect/sky_grid.h"
 
 #include <stdlib.h>
 #include <string.h>
