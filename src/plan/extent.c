@@ -115,7 +115,7 @@ static void from_cameras(cn_plan_tile *tile, const cn_plan_views *views)
         tile->bounds_max[k] = tile->centre[k] + half;
     }
     tile->near_m = 0.05 * views->distance_m;
-    tile->far_m = 50 * views->distance_m;
+    tile->far_m = 50 * views->span_m;
 }
 
 /* A camera is held by the box when it is at most this many median distances of the tile's cameras from the middle of

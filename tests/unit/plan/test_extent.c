@@ -58,10 +58,39 @@ static void test_one_far_camera(void **state)
     }
 }
 
+/* Photos of a street, 5 m apart, whose axes are parallel: the length of the street says nothing of how far they see. */
+static void test_a_line_without_points(void **state)
+{
+    (void)state;
+    city c;
+    cn_plan plan;
+    cn_plan_options o = cn_plan_options_default();
+    city_init(&c, 60, 0, 0);
+    for (int i = 0; i < 60; i++)
+        city_look_along(&c, 5 * i, 0, 2, 1, 0);
+    city_plan(&c, &o, &plan);
+    for (uint32_t t = 0; t < plan.n_tiles; t++) {
+        assert_true(plan.tiles[t].near_m < 1.5); /* the road in front of the camera */
+        assert_true(plan.tiles[t].far_m > 295);  /* the end of the street */
+        assert_true(plan.tiles[t].centre[0] > 0 && plan.tiles[t].centre[0] < 320);
+    }
+    cn_plan_deinit(&plan);
+    o.spacing_m = 40;
+    city_plan(&c, &o, &plan);
+    assert_true(plan.n_tiles > 4);
+    for (uint32_t t = 0; t < plan.n_tiles; t++) {
+        assert_true(fabs(plan.tiles[t].near_m - 2) < 1e-9);
+        assert_true(plan.tiles[t].centre[0] > 0 && plan.tiles[t].centre[0] < 345);
+    }
+    cn_plan_deinit(&plan);
+    city_deinit(&c);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_one_far_camera),
+        cmocka_unit_test(test_a_line_without_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
