@@ -25,7 +25,8 @@ typedef struct cn_photo {
     bool equirectangular; /* shows all directions: XMP GPano:ProjectionType says so */
     char *camera;         /* "make model", "" if absent */
     char *mask;   /* path of the mask, relative to the photo folder, or NULL: masks/NAME.png, NAME with or without the
-                     photo's extension. It is upright as the photo is shown; black pixels are ignored */
+                     photo's extension. It has the photo's aspect ratio, upright as the photo is shown or as its
+                     pixels are stored (EXIF orientations 5 to 8); black pixels are ignored */
     char *depth;  /* path of the depth map, or NULL; set by cn_photo_index_find_maps, not kept in photos.json */
     char *normal; /* path of the normal map, or NULL; as depth */
     uint8_t normal_axes; /* cn_normal_axes of the normal map */
