@@ -43,7 +43,7 @@ CN_API CN_NODISCARD cn_status cn_geo_geoid_height(double latitude_deg, double lo
 /* Write and read frame.json. The file is replaced atomically. CN_ERR_VERSION: a newer Conurb made it. CN_ERR_FORMAT:
  * it is damaged; the message names the key. */
 CN_API CN_NODISCARD cn_status cn_frame_save(const cn_frame *frame, const char *path);
-/* Writes the frame beside an export: for F.ply, F.obj, F.glb, F.las and F.spz as F.frame.json. */
+/* Writes the frame beside an export: for F.ply, F.obj, F.glb, F.las, F.spz and F.chan as F.frame.json. */
 CN_API CN_NODISCARD cn_status cn_frame_save_beside(const cn_frame *frame, const char *path);
 CN_API CN_NODISCARD cn_status cn_frame_load(cn_frame *frame, const char *path);
 

@@ -75,9 +75,10 @@ CN_API CN_NODISCARD cn_status cn_path_photos(cn_path *path, const cn_scene *scen
  * second. It follows the views in the order of their names (the order of capture), or from each view to the nearest
  * when the names have no such order. The path is a cubic B-spline, so its centres lie in the convex hull of the views'
  * centres, unless lines of sight to the sparse points show that a way round a house or a wall is clearer than the
- * straight one. Parts of the city whose photos share no sparse point are flown one after the other, with a cut.
- * Pictures have width x height pixels and the median vertical field of view of the photos, and
- * stand upright where a photo does not. CN_ERR_DATA: the scene has no views. */
+ * straight one. Parts of the city whose photos share no sparse point are flown one after the other, with a cut. Views
+ * that stand alone, many times as far away as most, are left out. Pictures have width x height pixels and the median
+ * vertical field of view of the photos, and stand upright where a photo does not. CN_ERR_DATA: the scene has no views.
+ */
 CN_API CN_NODISCARD cn_status cn_path_default(cn_path *path, const cn_scene *scene, uint32_t n_frames, uint32_t width,
                                               uint32_t height);
 

@@ -25,7 +25,8 @@ typedef struct cn_photo {
     bool equirectangular; /* shows all directions: XMP GPano:ProjectionType says so */
     char *camera;         /* "make model", "" if absent */
     char *mask;   /* path of the mask, relative to the photo folder, or NULL: masks/NAME.png, NAME with or without the
-                     photo's extension. It is upright as the photo is shown; black pixels are ignored */
+                     photo's extension. It has the photo's aspect ratio, upright as the photo is shown or as its
+                     pixels are stored (EXIF orientations 5 to 8); black pixels are ignored */
     char *depth;  /* path of the depth map, or NULL; set by cn_photo_index_find_maps, not kept in photos.json */
     char *normal; /* path of the normal map, or NULL; as depth */
     uint8_t normal_axes; /* cn_normal_axes of the normal map */
@@ -53,10 +54,11 @@ typedef struct cn_photo_index {
  * and passes the others to the handler that was set before. It gives exiv2's XMP parser a lock when that has none. It
  * lets exiv2 read HEIC and AVIF. */
 CN_API void cn_photo_own_process(void);
-/* Scans `folder` with its subfolders, except masks/, folders of a city and names that begin with a dot. Decodes every
- * photo once, on the pool, to find damaged ones. Among photos with equal bytes, the first by name is kept. GPS that is
- * not a place on Earth is ignored. The caller frees the index with cn_photo_index_deinit; on failure it is empty.
- * CN_ERR_DATA: no photo can be used. CN_ERR_IO: the folder cannot be read. CN_ERR_INTERRUPTED: asked to stop. */
+/* Scans `folder` with its subfolders, except masks/, folders of a city, names that begin with a dot and, where `folder`
+ * is that of a city, the folders that Conurb writes there. Decodes every photo once, on the pool, to find damaged ones.
+ * Among photos with equal bytes, the first by name is kept. GPS that is not a place on Earth is ignored. The caller
+ * frees the index with cn_photo_index_deinit; on failure it is empty. CN_ERR_DATA: no photo can be used. CN_ERR_IO: the
+ * folder cannot be read. CN_ERR_INTERRUPTED: asked to stop. */
 CN_API CN_NODISCARD cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_photo_index *index);
 CN_API void cn_photo_index_deinit(cn_photo_index *index);
 /* Write and read photos.json. CN_ERR_FORMAT: the file is damaged; the message names the key. CN_ERR_VERSION: a newer

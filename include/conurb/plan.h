@@ -30,8 +30,8 @@ typedef struct cn_plan_tile {
                                  a folder name */
     double centre[3];         /* local metres */
     double radius_m;          /* horizontal; photos inside it belong to the tile */
-    double bounds_min[3], bounds_max[3]; /* box of the tile's cameras and of the points that they see; the field
-                                            contracts space outside it */
+    double bounds_min[3], bounds_max[3]; /* box of the tile's cameras, but for those many times as far away as most, and
+                                            of the points that they see; the field contracts space outside it */
     double near_m, far_m; /* along rays, metres; from the sparse points, or from the cameras' layout without points */
     uint32_t *photos;
     uint32_t n_photos; /* indices of the views to train on, ascending */

@@ -369,10 +369,15 @@ bool cn_key_store(const cn_key *key, const char *text, const char *folder, cn_co
     case CN_KEY_GB:
         real = cn_parse_double(text, &end);
         if (end == text || *end) return false;
-        if (key->kind == CN_KEY_REAL)
+        if (key->kind == CN_KEY_REAL) {
             *(double *)at = real;
-        else
-            *(uint64_t *)at = (uint64_t)(fmin(fmax(real, 0), 1e9) * 1e9);
+            return true;
+        }
+        if (!(real >= 0)) { /* as bytes it would be 0, which means no limit */
+            cn_print(hint, size, "give %.10g to %.10g", key->least, key->most);
+            return false;
+        }
+        *(uint64_t *)at = (uint64_t)(fmin(real, 1e9) * 1e9);
         return true;
     case CN_KEY_CHOICE: return store_choice(key, text, at);
     case CN_KEY_SWITCH: return store_switch(text, at);

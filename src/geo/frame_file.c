@@ -31,10 +31,11 @@ cn_status cn_frame_save(const cn_frame *frame, const char *path)
 
 cn_status cn_frame_save_beside(const cn_frame *frame, const char *path)
 {
-    static const char *const endings[] = { ".ply", ".obj", ".glb", ".las", ".spz" };
+    static const char *const endings[] = { ".ply", ".obj", ".glb", ".las", ".spz", ".chan", NULL };
+    const char *dot = strrchr(cn_path_base(path), '.');
     size_t stem = strlen(path);
-    for (int i = 0; i < 5; i++)
-        if (strlen(path) > 4 && strcmp(path + strlen(path) - 4, endings[i]) == 0) stem = strlen(path) - 4;
+    for (int i = 0; dot && endings[i]; i++)
+        if (strcmp(dot, endings[i]) == 0) stem = (size_t)(dot - path);
     char *beside = cn_format("%.*s.frame.json", (int)stem, path);
     const cn_status status =
         beside ? cn_frame_save(frame, beside) : cn_fail(CN_ERR_NOMEM, "out of memory for %s", path);

@@ -30,6 +30,7 @@ CN_NODISCARD cn_status cn_path_from_chan(cn_path *path, const char *file, const 
  * its node: LINEAR translation and rotation (quaternions). A field of view that changes is animated by
  * KHR_animation_pointer. ---- */
 CN_NODISCARD cn_status cn_gltf_write(FILE *stream, const cn_path *path, const cn_path_note *note);
-/* The first node with a perspective camera; nodes above it may move too. */
+/* The first node with a perspective camera; nodes above it may move too. It lasts from the first key of all channels to
+ * the last, at options->fps, or at the rate of its keys where they are even and ten a second or more. */
 CN_NODISCARD cn_status cn_path_from_gltf(cn_path *path, const char *file, const cn_path_options *options);
 #endif

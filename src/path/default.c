@@ -2,13 +2,14 @@
  * of its control points, which a Catmull-Rom spline does at sharp turns, and there the photos show nothing. It is also
  * smooth when the views are not. Where a house stands between two views, more control points lead round it. Parts of a
  * city whose photos share no sparse point are flown one after the other, with a cut between them: nothing is known of
- * the places between. */
+ * the places between. Views that stand alone, far from all others, are left out. */
 #include "path/path.h"
 
 #include "base/disjoint.h"
 #include "base/units.h"
 #include "math/linalg.h"
 #include "path/free_space.h"
+#include "path/lone.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -137,15 +138,30 @@ static void order_by_part(spline *s)
     }
 }
 
+/* The views to fly by, in the order of their names. The caller frees them. */
+static cn_status list_views(const cn_scene *scene, const uint32_t *part, uint32_t **views, uint32_t *n)
+{
+    bool *lone = calloc(scene->n_views, sizeof *lone);
+    *views = cn_path_by_name(scene);
+    *n = 0;
+    cn_status status = lone && *views ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
+    if (status == CN_OK) status = cn_path_find_lone(scene, part, lone);
+    for (uint32_t i = 0; status == CN_OK && i < scene->n_views; i++)
+        if (!lone[(*views)[i]]) (*views)[(*n)++] = (*views)[i];
+    free(lone);
+    if (status != CN_OK) free(*views);
+    return status;
+}
+
 /* controls: room for MAX_VIEWS. */
 static cn_status choose_views(const cn_scene *scene, const uint32_t *part, spline *s)
 {
     control nearest[MAX_VIEWS];
-    uint32_t *order = cn_path_by_name(scene);
-    if (!order) return cn_fail(CN_ERR_NOMEM, "out of memory for the default camera path");
-    s->n = scene->n_views < MAX_VIEWS ? scene->n_views : MAX_VIEWS;
+    uint32_t *order, n;
+    CN_TRY(list_views(scene, part, &order, &n));
+    s->n = n < MAX_VIEWS ? n : MAX_VIEWS;
     for (uint32_t i = 0; i < s->n; i++) {
-        const uint32_t view = order[s->n > 1 ? (uint64_t)i * (scene->n_views - 1) / (s->n - 1) : 0];
+        const uint32_t view = order[s->n > 1 ? (uint64_t)i * (n - 1) / (s->n - 1) : 0];
         cn_view_centre(&scene->views[view], s->controls[i].centre);
         cn_path_rotation(scene, view, s->controls[i].quat);
         s->controls[i].part = part[view];

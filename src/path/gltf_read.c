@@ -320,41 +320,109 @@ static cn_status sample_chain(const glb *g, const chain *c, double time_s, cn_pa
                          out->vfov_deg);
 }
 
-/* The channel with the most times; NULL when nothing moves. */
-static const channel *longest(const chain *c)
+/* ---- the moments at which it is sampled ---- */
+
+typedef struct moments {
+    double *time_s; /* ascending */
+    size_t n;
+    double fps;
+} moments;
+
+static int by_time(const void *a, const void *b)
 {
-    const channel *best = NULL;
-    for (int i = 0; i < c->n; i++)
-        for (int kind = 0; kind < KINDS; kind++)
-            if (c->of[i][kind].times.n > (best ? best->times.n : 0)) best = &c->of[i][kind];
-    return best;
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
 }
 
-/* Frames per second of evenly spaced times; else the caller's. */
-static double rate_of(const cn_path_sample *s, size_t n, double fallback)
+/* The channel has the times of one before it, as exports of every frame have. */
+static bool repeats(const channel *list, int i)
 {
-    if (n < 2) return fallback;
-    const double step = (s[n - 1].time_s - s[0].time_s) / (double)(n - 1);
-    for (size_t i = 1; i < n; i++)
-        if (fabs(s[i].time_s - s[i - 1].time_s - step) > 0.01 * step) return fallback;
+    for (int k = 0; k < i; k++)
+        if (list[k].times.at == list[i].times.at && list[k].times.n == list[i].times.n) return true;
+    return false;
+}
+
+static void sort_out(moments *m)
+{
+    size_t n = 0;
+    qsort(m->time_s, m->n, sizeof *m->time_s, by_time);
+    for (size_t i = 0; i < m->n; i++)
+        if (n == 0 || m->time_s[i] > m->time_s[n - 1]) m->time_s[n++] = m->time_s[i];
+    m->n = n;
+}
+
+/* The keys of all channels. The caller frees them. */
+static cn_status gather_keys(const glb *g, const chain *c, moments *m)
+{
+    const channel *list = c->of[0];
+    const int n = c->n * KINDS;
+    size_t total = 0;
+    for (int i = 0; i < n; i++)
+        if (!repeats(list, i)) total += list[i].times.n;
+    if (total > MOST_FRAMES) return damaged(g, "its animation has more than a million keys");
+    m->time_s = malloc((total + 1) * sizeof *m->time_s);
+    if (!m->time_s) return cn_fail(CN_ERR_NOMEM, "out of memory for the %zu keys of %s", total, g->file);
+    for (int i = 0; i < n; i++)
+        for (size_t k = 0; k < list[i].times.n && !repeats(list, i); k++)
+            m->time_s[m->n++] = value_at(&list[i].times, k, 0);
+    if (m->n == 0) m->time_s[m->n++] = 0; /* nothing moves */
+    sort_out(m);
+    return CN_OK;
+}
+
+/* A film has at least so many frames a second. Keys that are farther apart were set by hand. */
+#define LEAST_FPS 10.0
+
+/* Frames per second of keys that are evenly spaced, one for each frame; else 0. */
+static double rate_of(const moments *m)
+{
+    if (m->n < 2) return 0;
+    const double step = (m->time_s[m->n - 1] - m->time_s[0]) / (double)(m->n - 1);
+    for (size_t i = 1; i < m->n; i++)
+        if (fabs(m->time_s[i] - m->time_s[i - 1] - step) > 0.01 * step) return 0;
     const double rate = 1 / step, nearest = round(rate);
+    if (rate < 0.99 * LEAST_FPS) return 0;
     return fabs(rate - nearest) < 1e-3 * nearest ? nearest : rate;
+}
+
+/* A moment for each frame between the keys: the camera need not go straight from key to key. */
+static cn_status add_frames(const glb *g, uint32_t n_frames, moments *m)
+{
+    const double first = m->time_s[0], duration_s = m->time_s[m->n - 1] - first, apart_s = 1e-4 / m->fps;
+    const double wanted = fmin(round(duration_s * m->fps), n_frames ? n_frames * 4.0 : INFINITY);
+    if (wanted > MOST_FRAMES) return CN_OK; /* cn_path_start refuses so many */
+    const size_t frames = (size_t)wanted, n_keys = m->n;
+    double *more = realloc(m->time_s, (n_keys + frames + 1) * sizeof *more);
+    if (!more) return cn_fail(CN_ERR_NOMEM, "out of memory for the %zu frames of %s", frames, g->file);
+    m->time_s = more;
+    for (size_t i = 1, key = 0; i < frames; i++) {
+        const double time_s = first + (double)i * duration_s / (double)frames;
+        while (key + 2 < n_keys && more[key + 1] <= time_s)
+            key++;
+        if (time_s - more[key] > apart_s && more[key + 1] - time_s > apart_s) more[m->n++] = time_s;
+    }
+    sort_out(m);
+    return CN_OK;
 }
 
 static cn_status read_path(const glb *g, chain *c, const cn_path_options *options, cn_path *path)
 {
+    moments m = { 0 };
     CN_TRY(find_chain(g, c));
     CN_TRY(find_channels(g, c));
-    const channel *moves = longest(c);
-    const size_t n = moves ? moves->times.n : 1;
-    cn_path_sample *samples = calloc(n, sizeof *samples);
-    cn_status status = samples ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for the %zu frames of %s", n, g->file);
-    for (size_t i = 0; i < n && status == CN_OK; i++)
-        status = sample_chain(g, c, moves ? value_at(&moves->times, i, 0) : 0, &samples[i]);
-    if (status == CN_OK)
-        status = cn_path_from_samples(path, g->file, samples, n,
-                                      rate_of(samples, n, options->fps > 0 ? options->fps : 24), options);
+    cn_status status = gather_keys(g, c, &m);
+    if (status == CN_OK && (m.fps = rate_of(&m)) == 0) {
+        m.fps = options->fps > 0 ? options->fps : 24;
+        status = add_frames(g, options->n_frames, &m);
+    }
+    cn_path_sample *samples = status == CN_OK ? calloc(m.n, sizeof *samples) : NULL;
+    if (status == CN_OK && !samples)
+        status = cn_fail(CN_ERR_NOMEM, "out of memory for the %zu frames of %s", m.n, g->file);
+    for (size_t i = 0; i < m.n && status == CN_OK; i++)
+        status = sample_chain(g, c, m.time_s[i], &samples[i]);
+    if (status == CN_OK) status = cn_path_from_samples(path, g->file, samples, m.n, m.fps, options);
     free(samples);
+    free(m.time_s);
     return status;
 }
 

@@ -26,7 +26,8 @@ typedef struct unread {
 typedef struct names {
     char **list;
     uint32_t n, room;
-    unread raw, films, cities;
+    unread raw, films, cities, made;
+    bool in_city; /* the root is the folder of a city */
 } names;
 
 static bool ends_with_one_of(const char *name, const char *const *endings)
@@ -75,6 +76,16 @@ static bool is_city(const char *folder)
     return city;
 }
 
+/* What Conurb writes into the folder of a city. */
+static bool is_made(const char *folder)
+{
+    static const char *const made[] = { "appearances", "eval",    "export", "jobs",     "match", "plan", "poses",
+                                        "probes",      "renders", "tiles",  "tradeoff", "views", NULL };
+    for (int i = 0; made[i]; i++)
+        if (strcmp(folder, made[i]) == 0) return true;
+    return false;
+}
+
 enum { MOST_DEEP = 16 }; /* depth of nested folders at most: links can make a loop */
 
 /* below: path of the folder relative to the root, "" at the root. */
@@ -91,9 +102,10 @@ static cn_status list_folder(const char *root, const char *below, int depth, nam
         struct stat st;
         const bool known = full && stat(full, &st) == 0, masks = depth == 0 && strcmp(entry, "masks") == 0;
         const bool folder = known && S_ISDIR(st.st_mode) && depth < MOST_DEEP && !masks;
-        const bool city = folder && is_city(full);
+        const bool city = folder && is_city(full), made = folder && depth == 0 && all->in_city && is_made(entry);
         if (city) count_unread(&all->cities, name);
-        if (folder && !city) status = list_folder(root, name, depth + 1, all);
+        if (made) count_unread(&all->made, name);
+        if (folder && !city && !made) status = list_folder(root, name, depth + 1, all);
         /* A photo that does not exist (a dangling link) is listed too, so that it is reported as left out. */
         const bool file = full && (!known || S_ISREG(st.st_mode));
         const bool photo = file && ends_with_one_of(entry, photo_endings);
@@ -356,7 +368,7 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
     *index = (cn_photo_index){ 0 };
     if (cn_path_absolute(folder, &index->folder) != CN_OK)
         return cn_fail(CN_ERR_IO, "%s cannot be read; give the folder that holds the photos", folder);
-    names all = { 0 };
+    names all = { .in_city = is_city(index->folder) };
     scan s = { .folder = index->folder, .started = cn_now_s() };
     cn_status status = list_folder(index->folder, "", 0, &all);
     if (all.n) qsort(all.list, all.n, sizeof *all.list, by_name);
@@ -370,6 +382,9 @@ cn_status cn_photo_index_scan(const cn_context *ctx, const char *folder, cn_phot
                 "camera raw and such types are not read; develop them to JPEG or 16-bit TIFF, with their EXIF");
     tell_unread(ctx, &all.films, "a film; `conurb init CITY --video FILM` takes photos from one");
     tell_unread(ctx, &all.cities, "the folder of a city; what it holds is made from photos");
+    if (all.made.n)
+        cn_log(ctx, CN_LOG_INFO, "%s, which is the city too, is read without the folders that the city has made, as %s",
+               index->folder, all.made.first);
     if (status == CN_OK) status = scan_all(ctx, &s, all.n, index);
     for (uint32_t i = 0; i < all.n; i++) {
         if (s.photos) free_photo(&s.photos[i]);

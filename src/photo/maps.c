@@ -52,12 +52,15 @@ cn_status cn_photo_index_find_maps(cn_photo_index *index, const cn_photo_maps *m
     return CN_OK;
 }
 
-/* A map may be smaller than its photo, as from depth cameras. Its aspect ratio must be the same, up to the rounding of
- * a pixel. */
-static cn_status check_shape(const char *path, uint32_t width, uint32_t height, const cn_photo *photo)
+bool cn_photo_same_shape(uint32_t width, uint32_t height, const cn_photo *photo)
 {
     const double w = (double)height * photo->width / photo->height, h = (double)width * photo->height / photo->width;
-    if (fabs(w - width) <= 1 || fabs(h - height) <= 1) return CN_OK;
+    return fabs(w - width) <= 1 || fabs(h - height) <= 1;
+}
+
+cn_status cn_photo_check_shape(const char *path, uint32_t width, uint32_t height, const cn_photo *photo)
+{
+    if (cn_photo_same_shape(width, height, photo)) return CN_OK;
     return cn_fail(CN_ERR_DATA, "%s is %u x %u pixels and its photo %u x %u: give both the same aspect ratio", path,
                    width, height, photo->width, photo->height);
 }
@@ -67,7 +70,7 @@ static cn_status check(const cn_photo *photo, const cn_oiio_map *map)
     if (map->bits == 8)
         return cn_fail(CN_ERR_DATA, "%s has 8 bits per value; give a 16-bit PNG in millimetres or an EXR in metres",
                        photo->depth);
-    return check_shape(photo->depth, map->width, map->height, photo);
+    return cn_photo_check_shape(photo->depth, map->width, map->height, photo);
 }
 
 cn_status cn_photo_read_depth(const cn_photo *photo, uint32_t width, uint32_t height, float *depth_m)
@@ -115,7 +118,7 @@ cn_status cn_photo_read_normal(const cn_photo *photo, uint32_t width, uint32_t h
     float *rgba;
     uint32_t w, h;
     CN_TRY(cn_oiio_read_rgba(photo->normal, &rgba, &w, &h));
-    const cn_status status = check_shape(photo->normal, w, h, photo);
+    const cn_status status = cn_photo_check_shape(photo->normal, w, h, photo);
     size_t known = 0, away = 0;
     for (uint32_t y = 0; y < height && status == CN_OK; y++)
         for (uint32_t x = 0; x < width; x++) {

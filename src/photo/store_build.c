@@ -11,6 +11,7 @@
 #include "photo/border.h"
 #include "photo/linear.h"
 #include "photo/maps.h"
+#include "photo/mask.h"
 #include "photo/reuse.h"
 
 #include <errno.h>
@@ -60,29 +61,6 @@ static cn_status write_at(const builder *b, const void *data, size_t size, uint6
         offset += (uint64_t)n;
         size -= (size_t)n;
     }
-    return CN_OK;
-}
-
-/* Sets the weight to 0 where the mask is black (nearest pixel; the mask may have any size). */
-static cn_status apply_mask(const builder *b, const cn_photo *photo, float *rgba, uint32_t w, uint32_t h)
-{
-    if (!photo->mask) return CN_OK;
-    char *path = cn_path_join(b->index->folder, photo->mask);
-    float *mask = NULL;
-    uint32_t mw, mh;
-    const cn_status status = path ? cn_oiio_read_rgba(path, &mask, &mw, &mh) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    free(path);
-    if (status != CN_OK) {
-        char why[512];
-        snprintf(why, sizeof why, "%s", cn_error_message());
-        return cn_fail(status, "the mask of %s: %s; repair or remove it", photo->name, why);
-    }
-    for (uint32_t y = 0; y < h; y++)
-        for (uint32_t x = 0; x < w; x++) {
-            const float *m = mask + 4 * ((size_t)((uint64_t)y * mh / h) * mw + (uint64_t)x * mw / w);
-            if (!(fmaxf(m[0], fmaxf(m[1], m[2])) > 0.5f)) rgba[4 * ((size_t)y * w + x) + 3] = 0;
-        }
-    free(mask);
     return CN_OK;
 }
 
@@ -154,7 +132,7 @@ static cn_status convert(const builder *b, uint32_t at, const char *path, const 
         b->outcomes[at].border = cn_photo_find_border(rgba, photo->width, photo->height);
         apply_border(&b->outcomes[at].border, rgba, photo->width, photo->height);
     }
-    CN_TRY(apply_mask(b, photo, rgba, photo->width, photo->height));
+    CN_TRY(cn_photo_apply_mask(b->index->folder, photo, rgba));
     CN_TRY(cn_photo_to_linear(b->colour, path, info, rgba, n, &b->outcomes[at].unread));
     float *small = malloc(out_n * 4 * sizeof *small);
     uint16_t *half = malloc(out_n * 8);
@@ -239,6 +217,8 @@ static cn_status lay_out(builder *b)
             const cn_status status = path ? cn_hash_file(path, &r->mask_hash) : cn_fail(CN_ERR_NOMEM, "out of memory");
             free(path);
             CN_TRY(status);
+            /* An earlier version stretched it. */
+            if (p->orientation >= 5) r->mask_hash = cn_hash_text(r->mask_hash, "turned");
         }
         if (p->depth) CN_TRY(cn_hash_file(p->depth, &r->depth_hash));
         if (p->normal) {

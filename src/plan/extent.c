@@ -74,19 +74,13 @@ static double ground(const samples *s, const double centre[3], double radius, do
     return percentile(scratch, n, 0.5);
 }
 
-static void hold(cn_plan_tile *tile, const double place[3])
-{
-    for (int k = 0; k < 3; k++) {
-        tile->bounds_min[k] = fmin(tile->bounds_min[k], place[k]);
-        tile->bounds_max[k] = fmax(tile->bounds_max[k], place[k]);
-    }
-}
-
 /* Rays begin at this fraction of the distance of the nearest sparse points. A smooth road or yard in front of the
  * camera has no points, but is nearer than those that have. Tuned on castle (points from 20 m on, its yard from 5 m):
  * half-photo 25.1 dB at 0.5, 25.8 at 0.15, preview; lund's road loses its gaps. sceaux and herz-jesus change by less
  * than 0.4 dB. */
 #define NEAR 0.15
+/* Rays end at this multiple of the distance of the farthest points. Not measured apart. */
+#define FAR 1.5
 
 static cn_status from_points(cn_plan_tile *tile, samples *s)
 {
@@ -96,7 +90,7 @@ static cn_status from_points(cn_plan_tile *tile, samples *s)
     double nearest = percentile(scratch, s->n, 0.005), farthest = percentile(scratch, s->n, 0.995);
     double median = percentile(scratch, s->n, 0.5);
     tile->near_m = fmax(NEAR * nearest, 1e-3 * median);
-    tile->far_m = 1.5 * farthest;
+    tile->far_m = FAR * farthest;
     tile->centre[2] = ground(s, tile->centre, tile->radius_m, scratch);
     free(scratch);
     keep_near_field(s, tile->centre, 1.5 * fmax(tile->radius_m, median), 3 * median);
@@ -121,7 +115,49 @@ static void from_cameras(cn_plan_tile *tile, const cn_plan_views *views)
         tile->bounds_max[k] = tile->centre[k] + half;
     }
     tile->near_m = 0.05 * views->distance_m;
-    tile->far_m = 50 * views->distance_m;
+    tile->far_m = 50 * views->span_m;
+}
+
+/* A camera is held by the box when it is at most this many median distances of the tile's cameras from the middle of
+ * what they see. One far away would make the box, and so the field's cells, many times as large for what all photos
+ * show; outside the box space is contracted, and rays begin there too. Tiles of nine photo sets have 3.4 at most. */
+#define FARTHEST 5
+
+static void hold(cn_plan_tile *tile, const double place[3], const double middle[3], double reach)
+{
+    if (cn_distance3(place, middle) > reach) return;
+    for (int k = 0; k < 3; k++) {
+        tile->bounds_min[k] = fmin(tile->bounds_min[k], place[k]);
+        tile->bounds_max[k] = fmax(tile->bounds_max[k], place[k]);
+    }
+}
+
+static cn_status hold_cameras(cn_plan_tile *tile, const cn_plan_views *views)
+{
+    double middle[3], *away = malloc(sizeof *away * (tile->n_photos + (size_t)1)), reach = views->distance_m;
+    if (!away) return cn_fail(CN_ERR_NOMEM, "out of memory for the cameras of tile %s", tile->id);
+    for (int k = 0; k < 3; k++)
+        middle[k] = (tile->bounds_min[k] + tile->bounds_max[k]) / 2;
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        away[i] = cn_distance3(views->views[tile->photos[i]].centre, middle);
+    if (tile->n_photos) reach = fmax(reach, cn_select(away, tile->n_photos, tile->n_photos / 2));
+    free(away);
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        hold(tile, views->views[tile->photos[i]].centre, middle, FARTHEST * reach);
+    for (uint32_t i = 0; i < tile->n_held_out; i++)
+        hold(tile, views->views[tile->held_out[i]].centre, middle, FARTHEST * reach);
+    return CN_OK;
+}
+
+/* What the photo sees from farthest must not lie behind the end of the rays. */
+static void reach_what_all_see(cn_plan_tile *tile, const cn_plan_views *views)
+{
+    double farthest = 0;
+    for (uint32_t i = 0; i < tile->n_photos; i++)
+        farthest = fmax(farthest, views->views[tile->photos[i]].distance_m);
+    for (uint32_t i = 0; i < tile->n_held_out; i++)
+        farthest = fmax(farthest, views->views[tile->held_out[i]].distance_m);
+    tile->far_m = fmax(tile->far_m, FAR * farthest);
 }
 
 cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const cn_scene *scene)
@@ -136,10 +172,8 @@ cn_status cn_plan_extent(cn_plan_tile *tile, const cn_plan_views *views, const c
     free(s.x[0]);
     CN_TRY(status);
     double diagonal = 0;
-    for (uint32_t i = 0; i < tile->n_photos; i++)
-        hold(tile, views->views[tile->photos[i]].centre);
-    for (uint32_t i = 0; i < tile->n_held_out; i++)
-        hold(tile, views->views[tile->held_out[i]].centre);
+    CN_TRY(hold_cameras(tile, views));
+    reach_what_all_see(tile, views);
     for (int k = 0; k < 3; k++)
         diagonal = hypot(diagonal, tile->bounds_max[k] - tile->bounds_min[k]);
     for (int k = 0; k < 3; k++) {

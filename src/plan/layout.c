@@ -1,6 +1,7 @@
 /* Places the tiles. A tile's field has a fixed number of cells across, so the circle that it can show at the photos'
  * detail is proportional to the viewing distance. Neighbouring centres are one median viewing distance apart, or
- * farther when tiles would get fewer than MIN_SHARE (BLIND_SHARE) photos. */
+ * farther when tiles would get fewer than MIN_SHARE (BLIND_SHARE) photos. Places that are far from each other get no
+ * tile together, though each has few photos. */
 #include "plan/plan.h"
 
 #include "math/linalg.h"
@@ -14,6 +15,10 @@
 /* The same without sparse points. Nobody knows how far photos see then, and a tile with too few photos is worse than a
  * tile with less detail. */
 #define BLIND_SHARE 40.0
+/* Median viewing distances between tiles from which on places may be too far from each other for one tile. Most photo
+ * sets have 1, lund 2. Not measured apart. */
+#define FAR_APART 4
+enum { ONE_IN = 10 }; /* photos at most that such places leave without a tile of their own */
 #define SLACK 0.25    /* fraction of a spacing by which cells are stretched instead of adding a tile */
 #define MAX_CELLS 1e6 /* along an axis */
 #define MAX_BITS ((int64_t)1 << 26)
@@ -117,6 +122,47 @@ static uint32_t count_cells(const cell_grid *grid, const cn_plan_views *views, p
     return n;
 }
 
+static bool is_met(const placed *items, uint32_t n, int64_t cell)
+{
+    uint32_t low = 0;
+    while (n > 0) {
+        const uint32_t half = n / 2;
+        if (items[low + half].cell < cell) {
+            low += half + 1;
+            n -= half + 1;
+        } else {
+            n = half;
+        }
+    }
+    return items[low].cell == cell;
+}
+
+/* Whether one of the eight cells around has views. items: one more than n, the last of no cell. */
+static bool has_neighbour(const cell_grid *grid, const placed *items, uint32_t n, int64_t cell)
+{
+    const int64_t x = cell % grid->n[0], y = cell / grid->n[0];
+    for (int64_t v = y - 1; v <= y + 1; v++)
+        for (int64_t u = x - 1; u <= x + 1; u++)
+            if ((u != x || v != y) && u >= 0 && v >= 0 && u < grid->n[0] && v < grid->n[1] &&
+                is_met(items, n, v * grid->n[0] + u))
+                return true;
+    return false;
+}
+
+/* Whether the cells with views lie apart, and nearly all of these are in cells that have enough. Sorts the views. */
+static bool are_places(const cell_grid *grid, const cn_plan_views *views, placed *items, uint32_t enough)
+{
+    uint32_t n_few = 0;
+    (void)fill_cells(grid, views, items);
+    for (uint32_t i = 0, end; i < views->n; i = end) {
+        for (end = i + 1; end < views->n && items[end].cell == items[i].cell;)
+            end++;
+        if (has_neighbour(grid, items, views->n, items[i].cell)) return false;
+        if (end - i < enough) n_few += end - i;
+    }
+    return ONE_IN * n_few <= views->n;
+}
+
 /* One circle for each cell with anchors: at the cell's middle when regular, else at the anchors' mean. */
 static void place_circles(const cell_grid *grid, const cn_plan_views *views, const placed *items, bool regular,
                           cn_plan_circles *circles)
@@ -142,12 +188,21 @@ static cn_status reserve(cn_plan_circles *circles, uint32_t n)
     return circles->centre ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %u tiles", n);
 }
 
-static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *views, double *spacing, bool fixed,
-                              bool regular)
+/* Photos that a tile needs, so that min_photos of them are trained on. */
+static uint32_t enough_photos(const cn_plan_options *options)
 {
+    const uint32_t least = options->min_photos, every = options->hold_out_every;
+    return every > 1 ? least + (least + every - 2) / (every - 1) : least;
+}
+
+static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *views, const cn_plan_options *options,
+                              double *spacing)
+{
+    const bool fixed = options->spacing_m > 0, regular = options->layout == CN_LAYOUT_GRID;
     cell_grid grid = { .axis = { { 1, 0 }, { 0, 1 } } };
-    placed *items = malloc(sizeof *items * views->n);
+    placed *items = malloc(sizeof *items * (views->n + (size_t)1));
     if (!items) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", views->n);
+    items[views->n] = (placed){ .cell = -1 };
     if (!regular) principal_axes(views, grid.axis);
     const double share = views->has_points ? MIN_SHARE : BLIND_SHARE;
     cn_status status;
@@ -157,6 +212,9 @@ static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *vie
         if (status != CN_OK) break;
         n = count_cells(&grid, views, items);
         if (fixed || n == 1 || views->n >= share * n) break;
+        if (views->has_points && *spacing > FAR_APART * views->distance_m &&
+            are_places(&grid, views, items, enough_photos(options)))
+            break;
         *spacing *= 1.15;
     } while (true);
     /* The overlap uses the actual distance of neighbours, not the requested spacing. */
@@ -220,7 +278,7 @@ cn_status cn_plan_layout(cn_plan_circles *circles, const cn_plan_views *views, c
             return cn_fail(CN_ERR_FORMAT, "%s: most centres lie at the same place; remove the duplicates",
                            options->centres);
     } else {
-        CN_TRY(layout_cells(circles, views, spacing_m, fixed, options->layout == CN_LAYOUT_GRID));
+        CN_TRY(layout_cells(circles, views, options, spacing_m));
     }
     circles->radius_m = *spacing_m / (2 * (1 - options->overlap));
     if (circles->n == 1) widen_single(circles, views, given);

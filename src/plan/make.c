@@ -235,7 +235,7 @@ static cn_status make(const cn_context *ctx, cn_plan *plan, cn_plan_draft *d)
     double spacing_m;
     CN_TRY(check_options(d->options));
     CN_TRY(check_scene(d->input->scene));
-    CN_TRY(cn_plan_views_make(&d->views, d->input->scene));
+    CN_TRY(cn_plan_views_make(&d->views, d->input->scene, d->options->spacing_m));
     CN_TRY(warn_of_scene(ctx, plan, &d->views));
     CN_TRY(choose_held_out(ctx, plan, d->views.n, d->options->hold_out_every, &d->held));
     CN_TRY(cn_plan_layout(&d->circles, &d->views, frame, d->options, &spacing_m));

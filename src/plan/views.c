@@ -126,6 +126,32 @@ static cn_status distances(cn_plan_views *out, const cn_scene *scene, double *sc
     return CN_OK;
 }
 
+/* Photos of a street stand this many times nearer to each other than to what they show. Not measured apart. */
+#define NEIGHBOURS_AWAY 3
+/* At most this many cameras are asked for their neighbour: enough for a median. */
+enum { MAX_ASKED = 512 };
+
+static double nearest_neighbour(const cn_plan_views *views, uint32_t of, double apart)
+{
+    double nearest = INFINITY;
+    for (uint32_t i = 0; i < views->n; i++) {
+        const double distance = cn_distance3(views->views[i].centre, views->views[of].centre);
+        if (distance > apart) nearest = fmin(nearest, distance);
+    }
+    return nearest;
+}
+
+/* How far views see, of which only the cameras' places are known: a few times the distance of neighbours. The spread of
+ * the cameras may be the length of a street. Cameras at one place, as those of a rig, are no neighbours. */
+static double guess_distance(const cn_plan_views *views, double spread)
+{
+    double nearest[MAX_ASKED];
+    const uint32_t n = views->n < MAX_ASKED ? views->n : MAX_ASKED;
+    for (uint32_t i = 0; i < n; i++)
+        nearest[i] = nearest_neighbour(views, (uint32_t)((uint64_t)i * views->n / n), 1e-5 * spread);
+    return NEIGHBOURS_AWAY * cn_select(nearest, n, n / 2);
+}
+
 static cn_status median_distance_to(cn_plan_views *views, const double place[3], double *median)
 {
     double *scratch = malloc(sizeof *scratch * views->n);
@@ -149,7 +175,7 @@ static void set_anchors(cn_plan_views *out)
     }
 }
 
-cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene)
+cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene, double spacing_m)
 {
     double middle[3];
     *out = (cn_plan_views){ .views = calloc(scene->n_views, sizeof *out->views), .n = scene->n_views };
@@ -166,9 +192,12 @@ cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene)
     if (spread < 1e-9 * (1 + cn_norm3(middle))) spread = 0; /* rounding: one place */
     bool met = spread > 0 && meet_of_axes(out, out->focus);
     if (!(out->distance_m > 0) && met) CN_TRY(median_distance_to(out, out->focus, &out->distance_m));
-    /* There are neither points nor a common place: parallel axes at an unknown distance. The spread of the cameras
-     * is the only known length. */
-    if (!(out->distance_m > 0)) out->distance_m = spread > 0 ? spread : 1;
+    out->span_m = out->distance_m;
+    /* There are neither points nor a common place: parallel axes at an unknown distance. */
+    if (!(out->distance_m > 0)) {
+        out->span_m = out->distance_m = spread > 0 ? spread : 1;
+        if (spread > 0) out->distance_m = fmin(spread, spacing_m > 0 ? spacing_m : guess_distance(out, spread));
+    }
     out->no_parallax = out->n > 1 && !(spread > 0.005 * out->distance_m);
     set_anchors(out);
     if (!met) {

@@ -86,6 +86,9 @@ static void values_out_of_range(void **state)
     (void)state;
     refused(HEAD "plan:\n  spacing_m: 4\n  overlap: 7\n", CN_ERR_CONFIG, 6, "plan.overlap is 7; give 0 to 0.95");
     refused(HEAD "plan:\n  overlap: nan\n", CN_ERR_CONFIG, 5, "plan.overlap is nan");
+    refused(HEAD "plan:\n  max_tile_gb: nan\n", CN_ERR_CONFIG, 5, "plan.max_tile_gb is 'nan'; give 0 to 1000000");
+    refused(HEAD "plan:\n  max_tile_gb: -1\n", CN_ERR_CONFIG, 5, "plan.max_tile_gb is '-1'; give 0 to 1000000");
+    refused(HEAD "plan:\n  max_tile_gb: inf\n", CN_ERR_CONFIG, 5, "plan.max_tile_gb is");
     refused(HEAD "field:\n  levels: 99\n", CN_ERR_CONFIG, 5, "field.levels is 99; give a whole number from 1 to 24");
     refused(HEAD "field:\n  type: cloud\n", CN_ERR_CONFIG, 5, "field.type 'cloud' is unknown; give one of hash, dense");
     refused(HEAD "field:\n  type: dense\n  log2_table: 12\n", CN_ERR_CONFIG, 6, "is a setting of hash, not of dense");

@@ -149,6 +149,25 @@ static void write_text(const char *path, const char *text)
     assert_int_equal(fclose(file), 0);
 }
 
+/* Of every file that is exported, F.frame.json lies beside it. */
+static void test_file_beside(void **state)
+{
+    (void)state;
+    static const char *const exports[] = { "a.ply", "b.obj", "c.glb", "d.las", "e.spz", "f.chan", "g.v2.ply" };
+    char folder[] = "/tmp/conurb-geo-XXXXXX", path[64];
+    const cn_frame frame = frame_at(46.8, -91.9, 169);
+    cn_frame read;
+    assert_non_null(mkdtemp(folder));
+    for (size_t i = 0; i < sizeof exports / sizeof *exports; i++) {
+        snprintf(path, sizeof path, "%s/%s", folder, exports[i]);
+        assert_int_equal(cn_frame_save_beside(&frame, path), CN_OK);
+        strcpy(strrchr(path, '.'), ".frame.json");
+        assert_int_equal(cn_frame_load(&read, path), CN_OK);
+        assert_int_equal(unlink(path), 0);
+    }
+    assert_int_equal(rmdir(folder), 0);
+}
+
 static void test_file(void **state)
 {
     (void)state;
@@ -196,7 +215,7 @@ int main(void)
         cmocka_unit_test(test_round_trip),   cmocka_unit_test(test_antimeridian_is_no_seam),
         cmocka_unit_test(test_axes),         cmocka_unit_test(test_not_on_earth),
         cmocka_unit_test(test_mgrs_and_utm), cmocka_unit_test(test_geoid),
-        cmocka_unit_test(test_file),
+        cmocka_unit_test(test_file_beside),  cmocka_unit_test(test_file),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -215,6 +215,40 @@ static void a_camera_on_a_rig(void **state)
     assert_non_null(strstr(cn_error_message(), "outside of its data"));
 }
 
+/* Keys set by hand, at moments of their own for each channel: it moves for 10 s, by a cubic that is not straight, and
+ * turns in the first second. */
+static void keys_of_all_channels_count(void **state)
+{
+    (void)state;
+    static const char *const json = HEAD LENS
+        "\"nodes\":[{\"camera\":0}],\"animations\":[{\"channels\":[{\"sampler\":0,\"target\":{\"node\":0,\"path\":"
+        "\"translation\"}},{\"sampler\":1,\"target\":{\"node\":0,\"path\":\"rotation\"}}],\"samplers\":[{\"input\":0,"
+        "\"output\":1,\"interpolation\":\"CUBICSPLINE\"},{\"input\":2,\"output\":3}]}],\"accessors\":[{\"bufferView\":"
+        "0,\"componentType\":5126,\"count\":2,\"type\":\"SCALAR\"},{\"bufferView\":1,\"componentType\":5126,\"count\":"
+        "6,\"type\":\"VEC3\"},{\"bufferView\":2,\"componentType\":5126,\"count\":3,\"type\":\"SCALAR\"},"
+        "{\"bufferView\":3,\"componentType\":5126,\"count\":3,\"type\":\"VEC4\"}],\"bufferViews\":[{\"buffer\":0,"
+        "\"byteLength\":8},{\"buffer\":0,\"byteOffset\":8,\"byteLength\":72},{\"buffer\":0,\"byteOffset\":80,"
+        "\"byteLength\":12},{\"buffer\":0,\"byteOffset\":92,\"byteLength\":48}],\"buffers\":[{\"byteLength\":140}]}";
+    float data[35] = { 0, 10 };
+    data[2 + 6] = 4;                 /* metres a second in x at the first key */
+    data[2 + 9 + 3] = 10;            /* x of the second key, where it stands still */
+    data[21] = 0.55f, data[22] = 1;  /* the second key lies between two frames */
+    data[23 + 3] = data[27 + 3] = 1; /* no turn up to it, then a quarter */
+    data[31 + 1] = data[31 + 3] = 0.70710678f;
+    cn_path path;
+    assert_int_equal(load_glb(&path, json, data, 35), CN_OK);
+    assert_int_equal(path.n_frames, 101);
+    for (uint32_t i = 0; i <= 100; i++) {
+        double centre[3];
+        const double t = i / 100.0, x = (t * t * t - 2 * t * t + t) * 40 + (3 * t * t - 2 * t * t * t) * 10;
+        const double turn = fmin(fmax((i / 10.0 - 0.55) / 0.45, 0), 1) * 90;
+        cn_view_centre(&path.frames[i].view, centre);
+        assert_true(fabs(centre[0] - x) < 1e-3);
+        assert_true(fabs(path.frames[i].view.rotation[7] - cos(turn * 3.14159265358979 / 180)) < 1e-3);
+    }
+    cn_path_deinit(&path);
+}
+
 static void what_is_no_camera(void **state)
 {
     (void)state;
@@ -245,7 +279,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_same_camera_comes_back), cmocka_unit_test(gltf_has_the_times_of_the_film),
         cmocka_unit_test(a_chan_of_another_program),  cmocka_unit_test(a_camera_on_a_rig),
-        cmocka_unit_test(what_is_no_camera),
+        cmocka_unit_test(keys_of_all_channels_count), cmocka_unit_test(what_is_no_camera),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

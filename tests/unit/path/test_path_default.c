@@ -137,6 +137,35 @@ static void parts_are_flown_one_after_the_other(void **state)
     cn_path_deinit(&path);
 }
 
+/* 40 views round a place, and one or a group of three a hundred times as far away. One is not flown to; a group is a
+ * place of its own. */
+static void a_view_that_stands_alone_is_left_out(void **state)
+{
+    (void)state;
+    enum { RING = 40 };
+    for (uint32_t far = 0; far <= 3; far++) {
+        synthetic m;
+        cn_path path;
+        double farthest = 0;
+        make(&m, RING + far);
+        for (uint32_t i = 0; i < RING + far; i++) {
+            const double angle = 2 * CN_PI * i / RING;
+            if (i >= 20 && i < 20 + far)
+                place(&m.views[i], 2000 + 5 * i, 0, 60, false);
+            else
+                place(&m.views[i], 20 * cos(angle), 20 * sin(angle), 10, false);
+        }
+        assert_int_equal(cn_path_default(&path, &m.scene, 48, 64, 32), CN_OK);
+        for (uint32_t f = 0; f < 48; f++) {
+            double c[3];
+            cn_view_centre(&path.frames[f].view, c);
+            farthest = fmax(farthest, hypot(c[0], c[1]));
+        }
+        assert_true(far < 3 ? farthest < 20 + 1e-9 : farthest > 1000);
+        cn_path_deinit(&path);
+    }
+}
+
 /* Passes up and down, the camera turned about between them, as a survey drone flies. */
 static void a_survey_stays_inside_and_smooth(void **state)
 {
@@ -306,6 +335,7 @@ int main(void)
         cmocka_unit_test(frames_stand_upright),
         cmocka_unit_test(two_views_give_a_straight_even_line),
         cmocka_unit_test(parts_are_flown_one_after_the_other),
+        cmocka_unit_test(a_view_that_stands_alone_is_left_out),
         cmocka_unit_test(a_survey_stays_inside_and_smooth),
         cmocka_unit_test(views_without_an_order_are_not_criss_crossed),
         cmocka_unit_test(a_house_between_two_views_is_flown_round),

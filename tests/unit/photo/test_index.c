@@ -83,6 +83,28 @@ static void a_city_among_the_photos_is_left_out(void **state)
     cn_photo_index_deinit(&index);
 }
 
+/* A city made in the folder of its photos. */
+static void what_a_city_made_among_its_photos_is_left_out(void **state)
+{
+    scratch *s = *state;
+    scratch_photo(s, "a.jpg", 1, NULL);
+    scratch_photo(s, "square/renders/b.jpg", 2, NULL);
+    scratch_photo(s, "renders/flight/00000.png", 3, NULL);
+    scratch_photo(s, "eval/a.jpg.png", 4, NULL);
+    scratch_photo(s, "appearances/dusk.png", 5, NULL);
+    cn_photo_index index = scan(s);
+    assert_int_equal(index.n_photos, 5); /* not a city yet */
+    cn_photo_index_deinit(&index);
+    assert_int_equal(cn_file_write(scratch_path(s, "city.yaml"), "x", 1), CN_OK);
+    index = scan(s);
+    assert_int_equal(index.n_photos, 2);
+    assert_int_equal(index.n_rejects, 0);
+    assert_string_equal(index.photos[0].name, "a.jpg");
+    assert_string_equal(index.photos[1].name, "square/renders/b.jpg");
+    assert_non_null(strstr(s->logged, "without the folders that the city has made"));
+    cn_photo_index_deinit(&index);
+}
+
 /* 2 x 2 pixels, 24 bits. */
 static void write_bmp(scratch *s, const char *name)
 {
@@ -399,6 +421,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         TEST(a_city_among_the_photos_is_left_out),
+        TEST(what_a_city_made_among_its_photos_is_left_out),
         TEST(further_types_are_read_and_others_are_named),
         TEST(photos_are_found_in_order_of_name),
         TEST(further_types_are_read_and_others_are_named),

@@ -174,7 +174,7 @@ static void masks_and_alpha_take_the_weight(void **state)
     scratch *s = *state;
     a_grey(s, "masked.png", 0.5f, 32, 16);
     a_grey(s, "hidden.png", 0.25f, 32, 16);
-    a_grey(s, "masks/hidden.png", 0, 4, 4);
+    a_grey(s, "masks/hidden.png", 0, 4, 2);
     float mask[64 * 32 * 3]; /* twice the photo's size; black on the left */
     for (int i = 0; i < 64 * 32 * 3; i++)
         mask[i] = i / 3 % 64 < 32 ? 0 : 1;
@@ -197,6 +197,47 @@ static void masks_and_alpha_take_the_weight(void **state)
     free(hidden);
     free(masked);
     cn_pixel_store_close(&store);
+}
+
+/* The photo is white where its mask is, and dark where that is black, in all ways in which it may lie on its side. */
+static void a_mask_of_the_stored_pixels_is_turned(void **state)
+{
+    enum { W = 48, H = 32 };
+    scratch *s = *state;
+    float rgb[W * H * 3];
+    for (int i = 0; i < W * H * 3; i++)
+        rgb[i] = cn_rng_float(7, 0, (uint64_t)i / 3) < 0.5f ? 0.1f : 0.9f;
+    for (int o = 1; o <= 8; o++) {
+        char name[32];
+        const double value = o;
+        const cn_oiio_attribute attributes[] = { { "Orientation", NULL, &value, 1 }, { NULL, NULL, NULL, 0 } };
+        if (o > 1 && o < 5) continue; /* of these the shape does not tell */
+        snprintf(name, sizeof name, "%d.tif", o);
+        rgb[0] = rgb[1] = rgb[2] = o * 0.05f; /* no two files alike */
+        assert_int_equal(cn_oiio_write_tiff(scratch_path(s, name), rgb, W, H, attributes), CN_OK);
+        snprintf(name, sizeof name, "masks/%d.tif.png", o);
+        assert_int_equal(cn_oiio_write_png(scratch_path(s, name), rgb, W, H, 3, NULL), CN_OK);
+    }
+    cn_pixel_store *store = build(s, 100);
+    for (uint32_t photo = 0; photo < 5; photo++) {
+        float *rgbw = read_photo(store, photo);
+        for (int i = 0; i < W * H; i++)
+            assert_true((rgbw[4 * i + 3] > 0) == (rgbw[4 * i] > 0.3f));
+        free(rgbw);
+    }
+    cn_pixel_store_close(&store);
+}
+
+static void a_mask_of_another_shape_is_refused(void **state)
+{
+    scratch *s = *state;
+    cn_photo_index index;
+    a_grey(s, "a.png", 0.5f, 32, 16);
+    a_grey(s, "masks/a.png", 1, 16, 32); /* the photo does not lie on its side */
+    assert_int_equal(cn_photo_index_scan(&s->context, s->folder, &index), CN_OK);
+    assert_int_equal(cn_pixel_store_build(&s->context, &index, 32, scratch_path(s, "pixels")), CN_ERR_DATA);
+    assert_non_null(strstr(cn_error_message(), "masks/a.png is 16 x 32 pixels and its photo 32 x 16"));
+    cn_photo_index_deinit(&index);
 }
 
 static void a_broken_mask_is_named(void **state)
@@ -474,6 +515,8 @@ int main(void)
         TEST(photos_are_shrunk_in_linear_light),
         TEST(float_files_keep_their_light),
         TEST(masks_and_alpha_take_the_weight),
+        TEST(a_mask_of_the_stored_pixels_is_turned),
+        TEST(a_mask_of_another_shape_is_refused),
         TEST(a_broken_mask_is_named),
         TEST(gathering_finds_the_pixels_of_a_read),
         TEST(hidden_cells_have_no_weight),

@@ -129,6 +129,36 @@ static void test_auto_object_is_one_tile(void **state)
     city_deinit(&c);
 }
 
+/* Two statues, 2 km from each other, with few photos each: there is nothing between them for a tile to show. */
+static void test_auto_places_far_apart(void **state)
+{
+    (void)state;
+    enum { EACH = 7 };
+    city c;
+    cn_plan plan;
+    cn_plan_options o = cn_plan_options_default();
+    for (int alone = 0; alone < 2; alone++) { /* and a camera that no place has to itself */
+        city_init(&c, 2 * EACH + 1, 60, 60 * EACH);
+        for (int i = 0; i < 2 * EACH; i++) {
+            const double a = i * 2 * CN_PI / EACH;
+            city_look_along(&c, (i < EACH ? 0 : 2000) + 20 * cos(a), 20 * sin(a), 2, -cos(a), -sin(a));
+        }
+        if (alone) city_look_along(&c, 0, 900, 2, 0, -1);
+        for (int i = 0; i < 60; i++)
+            city_point(&c, (i < 30 ? 0 : 2000) + 2 * cos(i), 2 * sin(i), 1, i < 30 ? 0 : EACH,
+                       (i < 30 ? EACH : 2 * EACH) - 1);
+        city_plan(&c, &o, &plan);
+        assert_int_equal(plan.n_tiles, 2);
+        for (uint32_t t = 0; t < 2; t++) {
+            const double x = plan.tiles[t].centre[0];
+            assert_true(fmin(fabs(x), fabs(x - 2000)) < 5 && fabs(plan.tiles[t].centre[1]) < 5);
+            assert_true(plan.tiles[t].radius_m < 200);
+        }
+        cn_plan_deinit(&plan);
+        city_deinit(&c);
+    }
+}
+
 /* Poses without points, on a street: no more tiles than the photos can fill, and a warning. */
 static void test_auto_without_points(void **state)
 {
@@ -246,6 +276,7 @@ int main(void)
         cmocka_unit_test(test_grid_leaves_out_what_nobody_sees),
         cmocka_unit_test(test_auto),
         cmocka_unit_test(test_auto_object_is_one_tile),
+        cmocka_unit_test(test_auto_places_far_apart),
         cmocka_unit_test(test_auto_without_points),
         cmocka_unit_test(test_centres),
         cmocka_unit_test(test_bad_centres),
