@@ -114,7 +114,7 @@ static void from_cameras(cn_plan_tile *tile, const cn_plan_views *views)
         tile->bounds_min[k] = tile->centre[k] - half;
         tile->bounds_max[k] = tile->centre[k] + half;
     }
-    tile->near_m = 0.05 * views->distance_m;
+    tile->near_m = 0.05 * fmax(views->guess_m, 0.1 * views->distance_m); /* neighbours in a film are very near */
     tile->far_m = 50 * views->span_m;
 }
 

@@ -23,14 +23,16 @@ typedef struct cn_plan_views {
     uint32_t n;
     uint32_t *seen;    /* point indices, view by view */
     double distance_m; /* median of the views' */
-    double span_m;     /* the largest length that is known: distance_m, or the cameras' spread where that is a guess */
+    double guess_m;    /* distance_m; where neither points nor axes tell it, how far views see at least, by a guess */
+    double span_m;     /* distance_m; then the cameras' spread */
     double focus[3];   /* the place nearest to all optical axes, or the middle of the anchors */
     bool no_parallax;  /* all photos at one place */
     bool has_points;
 } cn_plan_views;
 
-/* O(observations): the points of each view from the tracks. spacing_m: of the options; above 0 it is the viewing
- * distance where neither points nor optical axes tell one, but not more than the cameras' spread. */
+/* O(observations): the points of each view from the tracks. spacing_m: of the options. Where neither points nor optical
+ * axes tell the viewing distance, it is spacing_m if that is above 0, but not more than the cameras' spread, or else
+ * this spread. */
 CN_NODISCARD cn_status cn_plan_views_make(cn_plan_views *views, const cn_scene *scene, double spacing_m);
 void cn_plan_views_deinit(cn_plan_views *views);
 

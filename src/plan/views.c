@@ -141,8 +141,8 @@ static double nearest_neighbour(const cn_plan_views *views, uint32_t of, double 
     return nearest;
 }
 
-/* How far views see, of which only the cameras' places are known: a few times the distance of neighbours. The spread of
- * the cameras may be the length of a street. Cameras at one place, as those of a rig, are no neighbours. */
+/* How far views see at least, of which only the cameras' places are known: a few times the distance of neighbours. The
+ * spread of the cameras may be the length of a street. Cameras at one place, as those of a rig, are no neighbours. */
 static double guess_distance(const cn_plan_views *views, double spread)
 {
     double nearest[MAX_ASKED];
@@ -167,7 +167,7 @@ static void set_anchors(cn_plan_views *out)
 {
     for (uint32_t i = 0; i < out->n; i++) {
         cn_plan_view *v = &out->views[i];
-        if (!(v->distance_m > 0)) v->distance_m = out->distance_m;
+        if (!(v->distance_m > 0)) v->distance_m = out->guess_m;
         /* Views towards the horizon must not move tiles to places that hardly any photo shows well. */
         double distance = fmin(v->distance_m, 2 * out->distance_m);
         for (int k = 0; k < 3; k++)
@@ -192,11 +192,14 @@ cn_status cn_plan_views_make(cn_plan_views *out, const cn_scene *scene, double s
     if (spread < 1e-9 * (1 + cn_norm3(middle))) spread = 0; /* rounding: one place */
     bool met = spread > 0 && meet_of_axes(out, out->focus);
     if (!(out->distance_m > 0) && met) CN_TRY(median_distance_to(out, out->focus, &out->distance_m));
-    out->span_m = out->distance_m;
-    /* There are neither points nor a common place: parallel axes at an unknown distance. */
+    out->span_m = out->guess_m = out->distance_m;
+    /* There are neither points nor a common place: parallel axes at an unknown distance, or photos of a room from
+     * within. The box and the tiles follow the only known length, the spread of the cameras. */
     if (!(out->distance_m > 0)) {
-        out->span_m = out->distance_m = spread > 0 ? spread : 1;
-        if (spread > 0) out->distance_m = fmin(spread, spacing_m > 0 ? spacing_m : guess_distance(out, spread));
+        out->span_m = spread > 0 ? spread : 1;
+        out->distance_m = spacing_m > 0 ? fmin(out->span_m, spacing_m) : out->span_m;
+        out->guess_m = out->distance_m;
+        if (spread > 0 && !(spacing_m > 0)) out->guess_m = fmin(spread, guess_distance(out, spread));
     }
     out->no_parallax = out->n > 1 && !(spread > 0.005 * out->distance_m);
     set_anchors(out);

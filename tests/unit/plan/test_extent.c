@@ -86,11 +86,35 @@ static void test_a_line_without_points(void **state)
     city_deinit(&c);
 }
 
+/* A film of a room from within, a photo every 3 cm: the box holds the room, though neighbours are that near. */
+static void test_a_room_without_points(void **state)
+{
+    (void)state;
+    city c;
+    cn_plan plan;
+    const cn_plan_options o = cn_plan_options_default();
+    city_init(&c, 300, 0, 0);
+    for (int i = 0; i < 300; i++) {
+        const double angle = 2 * CN_PI * i / 300, look = angle + 0.4 * sin(3 * angle);
+        city_look_along(&c, 1.5 * cos(angle), 1.2 * sin(angle), 1.5, cos(look), sin(look));
+    }
+    city_plan(&c, &o, &plan);
+    for (uint32_t t = 0; t < plan.n_tiles; t++) {
+        const cn_plan_tile *tile = &plan.tiles[t];
+        assert_true(tile->bounds_min[2] < 0.3 && tile->bounds_max[2] > 2.7);
+        assert_true(tile->bounds_max[0] - tile->bounds_min[0] > 3);
+        assert_true(tile->near_m < 0.05);
+    }
+    cn_plan_deinit(&plan);
+    city_deinit(&c);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_one_far_camera),
         cmocka_unit_test(test_a_line_without_points),
+        cmocka_unit_test(test_a_room_without_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
