@@ -12,6 +12,7 @@ rm -f "$work/photos/transforms.json"
 # While the file `hang` exists, the search for features takes the first 4 photos of its list, then hangs.
 cat >"$work/colmap" <<END
 #!/bin/bash
+[ "\$2" = -h ] && exec $colmap "\$@"
 if [ "\$1" = feature_extractor ]; then
     [ -e $work/hang ] && for ((i = 1; i <= \$#; i++)); do
         [ "\${!i}" = --image_list_path ] && { k=\$((i + 1)); sed -i 4q "\${!k}"; }
