@@ -211,6 +211,46 @@ static void test_a_pole_before_the_sky_stays(void **state)
     free(usable);
 }
 
+/* What one photo alone shows begins at 0.7 of the nearest points of its part of the picture: the left half has points
+ * at 4 m, the right half at 9 m. A few points at the top tell nothing, so there the whole photo's nearest ones count.
+ */
+static void test_one_photo_is_enough_by_parts(void **state)
+{
+    (void)state;
+    enum { EACH = 400, FEW = 3 };
+    const cn_box box = { { 0, 0, 0 }, { 10, 10, 10 }, 0.1f, 100, 0.01f };
+    static cn_sparse_sample sparse[2 * EACH + FEW];
+    for (int i = 0; i < 2 * EACH; i++) {
+        const bool left = i < EACH;
+        sparse[i] = (cn_sparse_sample){ 0, (uint16_t)(left ? i % 40 : 60 + i % 40), (uint16_t)(50 + i / 40 % 10 * 5),
+                                        left ? 4 : 9 };
+    }
+    for (int i = 0; i < FEW; i++)
+        sparse[2 * EACH + i] = (cn_sparse_sample){ 0, (uint16_t)(80 + i), 5, 9 };
+    cn_train_photo photos[2] = { along_x(), along_x() };
+    photos[1].generator.origin[0] = 1000; /* sees nothing of the box */
+    const cn_sampler sampler = { .n_photos = 2, .photos = photos, .sparse = sparse, .n_sparse = 2 * EACH + FEW };
+    uint8_t *usable = malloc(CN_OCC_CELLS);
+    assert_non_null(usable);
+    assert_int_equal(cn_sampler_usable_cells(&sampler, NULL, &box, usable), CN_OK);
+    float nearest[3] = { INFINITY, INFINITY, INFINITY }; /* left and right below, right at the top */
+    for (uint32_t i = 0; i < CN_OCC_CELLS; i++) {
+        float x[3];
+        cn_occupancy_centre(i, x);
+        const float across = -x[1] / x[0], down = -x[2] / x[0]; /* of the picture, -1 to 1 */
+        const bool below = down > 0.2f && down < 1, top = down < -0.7f && down > -1;
+        const bool left = across < -0.3f && across > -1, right = across > 0.5f && across < 1;
+        const int where = below && left ? 0 : below && right ? 1 : top && right ? 2 : -1;
+        if (!usable[i] || !(x[0] > 0) || where < 0) continue;
+        const float away = 10 * sqrtf(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+        if (away < nearest[where]) nearest[where] = away;
+    }
+    free(usable);
+    assert_float_equal(nearest[0], 0.7 * 4, 0.2);
+    assert_float_equal(nearest[1], 0.7 * 9, 0.2);
+    assert_float_equal(nearest[2], 0.7 * 4, 0.3);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -222,6 +262,7 @@ int main(void)
         cmocka_unit_test(test_hints_say_where_sky_is),
         cmocka_unit_test(test_a_photo_of_all_directions_looks_everywhere),
         cmocka_unit_test(test_a_pole_before_the_sky_stays),
+        cmocka_unit_test(test_one_photo_is_enough_by_parts),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
