@@ -206,8 +206,9 @@ void cn_effects_ray(const cn_effect_pack *pack, const cn_effect_rays *rays, cons
                     float (*origin)[3], float (*dir)[3]);
 void cn_effects_ray_backward(const cn_effect_pack *pack, const cn_effect_rays *rays, const cn_effect_state *state,
                              float (*d_origin)[3], float (*d_dir)[3], const cn_effect_grad *grad);
-/* Adds what a trained photo tells. */
-void cn_effect_settings_add(cn_effect_settings *told, const cn_photo *photo);
+/* What the tile's trained photos tell. */
+cn_effect_settings cn_effect_settings_told(const cn_photo_index *photos, const cn_scene *scene,
+                                           const cn_plan_tile *tile);
 /* Subtracts their mean from n rows of `width` floats. For `project`. */
 void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows);
 

@@ -137,11 +137,7 @@ static double exif_spread(const cn_plan_input *input, const cn_plan_tile *tile)
 {
     double sum = 0, squares = 0;
     uint32_t n = 0;
-    cn_effect_settings told = { 0 };
-    for (uint32_t i = 0; i < tile->n_photos; i++) {
-        const uint32_t photo = input->scene->views[tile->photos[i]].photo;
-        if (photo < input->photos->n_photos) cn_effect_settings_add(&told, &input->photos->photos[photo]);
-    }
+    const cn_effect_settings told = cn_effect_settings_told(input->photos, input->scene, tile);
     for (uint32_t i = 0; i < tile->n_photos; i++) {
         const uint32_t photo = input->scene->views[tile->photos[i]].photo;
         if (photo >= input->photos->n_photos) continue;

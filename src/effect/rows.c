@@ -15,9 +15,15 @@ void cn_effect_zero_mean(uint32_t n, uint32_t width, float *rows)
     }
 }
 
-void cn_effect_settings_add(cn_effect_settings *told, const cn_photo *photo)
+cn_effect_settings cn_effect_settings_told(const cn_photo_index *photos, const cn_scene *scene,
+                                           const cn_plan_tile *tile)
 {
-    if (!isfinite(cn_photo_exposure_ev(photo))) return;
-    told->iso |= photo->iso > 0;
-    told->f_number |= photo->f_number > 0;
+    cn_effect_settings told = { 0 };
+    for (uint32_t i = 0; i < tile->n_photos; i++) {
+        const uint32_t at = scene->views[tile->photos[i]].photo;
+        if (at >= photos->n_photos || !isfinite(cn_photo_exposure_ev(&photos->photos[at]))) continue;
+        told.iso |= photos->photos[at].iso > 0;
+        told.f_number |= photos->photos[at].f_number > 0;
+    }
+    return told;
 }

@@ -122,30 +122,23 @@ static uint32_t count_cells(const cell_grid *grid, const cn_plan_views *views, p
     return n;
 }
 
-static bool is_met(const placed *items, uint32_t n, int64_t cell)
+static int compare_cell(const void *key, const void *item)
 {
-    uint32_t low = 0;
-    while (n > 0) {
-        const uint32_t half = n / 2;
-        if (items[low + half].cell < cell) {
-            low += half + 1;
-            n -= half + 1;
-        } else {
-            n = half;
-        }
-    }
-    return items[low].cell == cell;
+    const int64_t cell = *(const int64_t *)key, other = ((const placed *)item)->cell;
+    return (cell > other) - (cell < other);
 }
 
-/* Whether one of the eight cells around has views. items: one more than n, the last of no cell. */
+/* Whether one of the eight cells around has views. */
 static bool has_neighbour(const cell_grid *grid, const placed *items, uint32_t n, int64_t cell)
 {
     const int64_t x = cell % grid->n[0], y = cell / grid->n[0];
     for (int64_t v = y - 1; v <= y + 1; v++)
-        for (int64_t u = x - 1; u <= x + 1; u++)
-            if ((u != x || v != y) && u >= 0 && v >= 0 && u < grid->n[0] && v < grid->n[1] &&
-                is_met(items, n, v * grid->n[0] + u))
+        for (int64_t u = x - 1; u <= x + 1; u++) {
+            const int64_t beside = v * grid->n[0] + u;
+            if (beside != cell && u >= 0 && v >= 0 && u < grid->n[0] && v < grid->n[1] &&
+                bsearch(&beside, items, n, sizeof *items, compare_cell))
                 return true;
+        }
     return false;
 }
 
@@ -200,9 +193,8 @@ static cn_status layout_cells(cn_plan_circles *circles, const cn_plan_views *vie
 {
     const bool fixed = options->spacing_m > 0, regular = options->layout == CN_LAYOUT_GRID;
     cell_grid grid = { .axis = { { 1, 0 }, { 0, 1 } } };
-    placed *items = malloc(sizeof *items * (views->n + (size_t)1));
+    placed *items = malloc(sizeof *items * views->n);
     if (!items) return cn_fail(CN_ERR_NOMEM, "out of memory for %u views", views->n);
-    items[views->n] = (placed){ .cell = -1 };
     if (!regular) principal_axes(views, grid.axis);
     const double share = views->has_points ? MIN_SHARE : BLIND_SHARE;
     cn_status status;

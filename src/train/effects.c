@@ -26,14 +26,6 @@ static const cn_photo *photo_of(const cn_train_input *input, uint32_t view)
     return &input->photos->photos[input->scene->views[view].photo];
 }
 
-static cn_effect_settings told_settings(const cn_train_input *input)
-{
-    cn_effect_settings told = { 0 };
-    for (uint32_t i = 0; i < input->tile->n_photos; i++)
-        cn_effect_settings_add(&told, photo_of(input, input->tile->photos[i]));
-    return told;
-}
-
 void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack, float *constants)
 {
     const cn_plan_tile *tile = input->tile;
@@ -41,7 +33,7 @@ void cn_train_constants(const cn_train_input *input, const cn_effect_pack *pack,
         const cn_effect *effect = pack->on[e].effect;
         const uint32_t width = effect->photo_constants;
         if (!width) continue;
-        const cn_effect_settings told = told_settings(input);
+        const cn_effect_settings told = cn_effect_settings_told(input->photos, input->scene, tile);
         float *rows = constants + pack->on[e].constants;
         for (uint32_t i = 0; i < pack->n_rows; i++) {
             const uint32_t view = i < tile->n_photos ? tile->photos[i] : tile->held_out[i - tile->n_photos];

@@ -99,14 +99,17 @@ static void test_exposure_of_photos_that_lack_settings(void **state)
         { .exposure_s = NAN, .iso = 100, .f_number = 8, .time_s = NAN },
     };
     const float expected[N] = { -1, 1, 0, 0, 0 };
+    const cn_photo_index index = { .photos = photos, .n_photos = N };
+    cn_view views[N] = { { .photo = 0 }, { .photo = 1 }, { .photo = 2 }, { .photo = 3 }, { .photo = 4 } };
+    const cn_scene scene = { .views = views, .n_views = N };
+    uint32_t list[N] = { 0, 1, 2, 3, 4 };
     for (int without = 0; without < 2; without++) {
         for (int i = 0; i < 2 && without; i++)
             photos[i].f_number = NAN;
         photos[2].iso = without ? 0 : 100;
         float row[N][2];
-        cn_effect_settings told = { 0 };
-        for (int i = 0; i < (without ? 2 : N); i++)
-            cn_effect_settings_add(&told, &photos[i]);
+        const cn_plan_tile tile = { .photos = list, .n_photos = without ? 2 : N };
+        const cn_effect_settings told = cn_effect_settings_told(&index, &scene, &tile);
         assert_true(told.iso && told.f_number == !without);
         for (int i = 0; i < N; i++)
             e->constants(&photos[i], told, row[i]);

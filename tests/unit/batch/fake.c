@@ -79,3 +79,21 @@ void fake_program(const char *name, const char *script)
     free(text);
     free(search);
 }
+
+void fake_submission_begin(cn_submission *submission, cn_city *city, const cn_submit_options *options, const char *name)
+{
+    fake_begin();
+    *city = (cn_city){ .folder = cn_format("%s/%s", dir, name) };
+    *submission = (cn_submission){ .ctx = &fake_ctx, .city = city, .options = options };
+    submission->dir = cn_city_path(city, "jobs");
+    need(submission->dir && cn_folder_make(submission->dir) == CN_OK, "making the folder of jobs");
+}
+
+void fake_submission_end(cn_submission *submission, cn_city *city)
+{
+    for (uint32_t i = 0; i < submission->n_jobs; i++)
+        free(submission->jobs[i].list);
+    free(submission->dir);
+    free(city->folder);
+    fake_end();
+}

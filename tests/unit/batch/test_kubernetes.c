@@ -21,25 +21,18 @@ static cn_submission submission;
 static int set_up(void **state)
 {
     (void)state;
-    fake_begin();
     memset(nodes, 0, sizeof nodes);
-    city = (cn_city){ .folder = cn_format("%s/town", fake_dir()) };
     options = (cn_submit_options){ 0 };
-    submission = (cn_submission){ .ctx = &fake_ctx, .city = &city, .options = &options };
+    fake_submission_begin(&submission, &city, &options, "town");
     submission.graph = (cn_job_graph){ .nodes = nodes };
-    submission.dir = cn_city_path(&city, "jobs");
     fake_program("kubectl", "true");
-    return cn_folder_make(submission.dir) == CN_OK ? 0 : -1;
+    return 0;
 }
 
 static int tear_down(void **state)
 {
     (void)state;
-    for (uint32_t i = 0; i < submission.n_jobs; i++)
-        free(submission.jobs[i].list);
-    free(submission.dir);
-    free(city.folder);
-    fake_end();
+    fake_submission_end(&submission, &city);
     return 0;
 }
 

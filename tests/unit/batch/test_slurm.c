@@ -28,22 +28,15 @@ static void add_job(const char *stage, uint32_t n)
 static int set_up(void **state)
 {
     (void)state;
-    fake_begin();
-    city = (cn_city){ .folder = cn_format("%s/old town's", fake_dir()) };
     options = (cn_submit_options){ .program = "/opt/conurb 1/bin/conurb" };
-    submission = (cn_submission){ .ctx = &fake_ctx, .city = &city, .options = &options };
-    submission.dir = cn_city_path(&city, "jobs");
-    return cn_folder_make(submission.dir) == CN_OK ? 0 : -1;
+    fake_submission_begin(&submission, &city, &options, "old town's");
+    return 0;
 }
 
 static int tear_down(void **state)
 {
     (void)state;
-    for (uint32_t i = 0; i < submission.n_jobs; i++)
-        free(submission.jobs[i].list);
-    free(submission.dir);
-    free(city.folder);
-    fake_end();
+    fake_submission_end(&submission, &city);
     return 0;
 }
 
