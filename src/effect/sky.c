@@ -15,8 +15,9 @@
  * head would draw house walls, which then lack in the field, and go on in dark clouds above the roofs. Only at the end
  * it may, so that pinholes that are left look like the wall.
  *
- * Evidence: the share of the photos' area that looks like sky (sky_hints.c). The threshold lies between herz-jesus
- * (0.012) and entry-P10 and fountain-P11 (Strecha et al. 2008; both 0.023). A little sky is enough: without it, matter
+ * Evidence: the share of the photos' area that looks like sky, and a twentieth of it where that may be a ceiling
+ * (sky_hints.c). The threshold lies between herz-jesus (0.012) and entry-P10 and fountain-P11 (Strecha et al. 2008;
+ * both 0.023). A little sky is enough: without it, matter
  * before the roofs stands for it. Figures are in tests/bench/experiments.md. */
 #include "effect/effect.h"
 #include "effect/head.h"

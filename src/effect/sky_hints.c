@@ -54,6 +54,16 @@ enum {
 /* How far a sparse point may be from the edge that it belongs to, in hints. Found on reichstag. */
 #define OFF_EDGE 6
 
+/* A cloudy sky is brighter than nearly all below it, a clear one is blue. A white ceiling is neither: windows and lit
+ * walls are brighter. So sky that is not blue, while this part of the rest is brighter than its median, may be a
+ * ceiling. By the mean of the tile's photos: two flats 0.33, 0.34; castle, sceaux, sacre-coeur, herz-jesus, two made
+ * cities in many lights, british_museum and Family (Knapitsch et al. 2017) at most 0.08; lund 0.33, but deep blue.
+ * Photos without colour cannot tell. */
+#define BRIGHTER 0.2
+#define COLOURLESS 0.01 /* mean difference of blue and red */
+/* What a ceiling counts, of its area: a probe decides then, and where that is not clear there is no sky. */
+#define CEILING 0.05
+
 /* One photo, held upright; up: the side of the stored photo that is up. rgb: display-encoded; NaN: masked. point: 1 on
  * a sparse point and next to it. top: row of the uppermost sparse point of a coarse column. dark: what is darker may be
  * no sky. */
@@ -479,20 +489,55 @@ bool cn_sky_hints_find(const cn_plan_input *input, const cn_plan_tile *tile, uin
     return room;
 }
 
+/* What the photos of a tile show as sky, and beside it. */
+typedef struct sky_sums {
+    double all, sky; /* hints */
+    double blue,
+        brighter;  /* sums over the hints of sky: blue above red; the part of its photo's rest that is brighter */
+    double colour; /* sum over all hints: difference of blue and red */
+} sky_sums;
+
+static void add_photo(sky_photo *sky, sky_sums *sums)
+{
+    size_t n = 0, rest = 0, brighter = 0;
+    sums->all += N;
+    for (uint32_t i = 0; i < N; i++) {
+        const float *rgb = sky->rgb[i];
+        sums->sky += sky->sky[i];
+        if (isnan(brightness(rgb))) continue;
+        const double blue = (double)(rgb[2] - rgb[0]);
+        sums->colour += fabs(blue);
+        if (!sky->sky[i]) continue;
+        sums->blue += blue;
+        sky->sky_brightness[n++] = (double)brightness(rgb);
+    }
+    if (!n) return;
+    const double median = cn_select(sky->sky_brightness, n, n / 2);
+    for (uint32_t i = 0; i < N; i++) {
+        if (sky->sky[i] || isnan(brightness(sky->rgb[i]))) continue;
+        rest++;
+        brighter += (double)brightness(sky->rgb[i]) > median;
+    }
+    if (rest) sums->brighter += (double)n * (double)brighter / (double)rest;
+}
+
+static bool may_be_ceiling(const sky_sums *sums)
+{
+    return sums->blue < sums->sky * (double)BLUE && sums->brighter > sums->sky * BRIGHTER &&
+           sums->colour > sums->all * COLOURLESS;
+}
+
 double cn_sky_hints_share(const cn_plan_input *input, const cn_plan_tile *tile)
 {
     cn_sky_points points = { 0 };
+    sky_sums sums = { 0 };
     if (!input->pixels || input->scene->n_points < 50 || !tile->n_photos) return NAN;
     sky_photo *sky = malloc(sizeof *sky);
     const bool room = sky && cn_sky_points_find(input->scene, tile, &points);
-    uint64_t cells = 0, all = 0;
-    for (uint32_t p = 0; room && p < tile->n_photos; p++) {
-        if (!find_sky(input, tile->photos[p], &points, sky)) continue;
-        all += N;
-        for (uint32_t i = 0; i < N; i++)
-            cells += sky->sky[i];
-    }
+    for (uint32_t p = 0; room && p < tile->n_photos; p++)
+        if (find_sky(input, tile->photos[p], &points, sky)) add_photo(sky, &sums);
     cn_sky_points_deinit(&points);
     free(sky);
-    return all ? (double)cells / (double)all : NAN;
+    if (!(sums.all > 0)) return NAN;
+    return (may_be_ceiling(&sums) ? CEILING : 1) * sums.sky / sums.all;
 }

@@ -1,6 +1,7 @@
 /* Where photos show sky: evidence and hints, on photos of a wall that the test draws. */
 #include "wall.h"
 
+#include "effect/effect.h"
 #include "effect/sky_hints.h"
 #include "math/linalg.h"
 
@@ -17,6 +18,20 @@ static void test_sky(void **state)
     assert_true(with > 0.14 && with < 0.18);
     assert_true(blue > 0.14 && blue < 0.18);
     assert_true(without < 0.02);
+}
+
+/* What is neither blue nor brighter than most of the rest may be a ceiling: its evidence is below the threshold, but
+ * near enough to it for a probe. */
+static void test_ceiling(void **state)
+{
+    (void)state;
+    extern const cn_effect cn_effect_sky;
+    windows = true;
+    const double ceiling = evidence(cn_sky_hints_share, NOTHING, GREY_SKY),
+                 blue = evidence(cn_sky_hints_share, NOTHING, BLUE_SKY);
+    windows = false;
+    assert_true(ceiling < cn_effect_sky.threshold && ceiling > cn_effect_sky.threshold / 4);
+    assert_true(blue > 0.14 && blue < 0.18);
 }
 
 /* Drops what views from `end` on see of the points. */
@@ -244,6 +259,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_sky),
+        cmocka_unit_test(test_ceiling),
         cmocka_unit_test(test_sky_of_photos_without_points),
         cmocka_unit_test(test_sky_hints),
         cmocka_unit_test(test_no_sky_at_top),

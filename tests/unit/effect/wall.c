@@ -13,7 +13,7 @@
 double step_m = 0.25, thing_grey = 0.02, gain_stops;
 cn_side first_turn;
 unsigned border_px;
-bool white_wall;
+bool white_wall, windows;
 
 double camera_x(unsigned view)
 {
@@ -35,7 +35,7 @@ bool in_thing(before what, unsigned view, const double origin[3], const double d
 
 static void colour(const wall *w, before what, unsigned view, const double dir[3], double rgb[3])
 {
-    static const double tint[3][3] = { { 1, 1, 1 }, { 1, 1, 1 }, { 0.02, 0.06, 0.3 } };
+    static const double tint[3][3] = { { 1, 1, 1 }, { 1, 1, 1 }, { 0.02, 0.06, 0.3 } }, warm[3] = { 3.2, 3, 2.6 };
     const double origin[3] = { camera_x(view), 0, 2 }, t = WALL_M / dir[1];
     const double x = origin[0] + t * dir[0], z = origin[2] + t * dir[2];
     if (white_wall && x < WHITE_TO_M && fabs(z - ROOF_M + 0.25) < 0.25) return (void)memset(rgb, 0, 3 * sizeof *rgb);
@@ -43,8 +43,9 @@ static void colour(const wall *w, before what, unsigned view, const double dir[3
     /* Brighter to the east: photos of the same bytes would be left out. */
     const double squares = (((int)floor(x) + (int)floor(z)) & 1 ? 0.15 : 0.3) * (1 + 0.01 * x);
     const double grey = thing ? thing_grey : above ? 0.6 + 0.004 * (z - ROOF_M) : white_wall ? 0.6 : squares;
+    const bool window = windows && !thing && !above && squares > 0.2;
     for (int c = 0; c < 3; c++)
-        rgb[c] = grey * tint[above ? w->sky : NO_SKY][c];
+        rgb[c] = grey * (window ? warm : tint[above ? w->sky : NO_SKY])[c];
 }
 
 static void draw(wall *w, before what, unsigned view)

@@ -48,6 +48,9 @@ extern unsigned border_px; /* black, at the top and the bottom of photos */
 extern bool white_wall;
 #define WHITE_TO_M 4.0
 
+/* Every second square is a lit window: warmer than what is above the roof, and brighter. */
+extern bool windows;
+
 double camera_x(unsigned view);
 /* Whether a ray hits what stands before the wall. */
 bool in_thing(before what, unsigned view, const double origin[3], const double dir[3]);
