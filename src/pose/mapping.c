@@ -205,6 +205,15 @@ static cn_status map_and_choose(cn_colmap_job *j, const cn_mapping *how, const c
     return status == CN_OK ? cn_job_mark_done(j) : status;
 }
 
+static cn_status count_placed(const char *sparse, cn_mapped *out)
+{
+    char *placed = cn_format("%s-placed", sparse);
+    if (!placed) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    out->n_at_once = cn_model_photos(placed);
+    free(placed);
+    return CN_OK;
+}
+
 static cn_status stage_mapping(cn_colmap_job *j, const cn_mapping *how, cn_mapped *out)
 {
     char *stage = cn_format("mapping%s%s", how->fix_focal ? "-fixed-focal" : "", how->suffix);
@@ -217,6 +226,7 @@ static cn_status stage_mapping(cn_colmap_job *j, const cn_mapping *how, cn_mappe
         cn_job_mix(j, &j->way->simple_camera, sizeof j->way->simple_camera);
         cn_job_mix(j, &how->global, sizeof how->global);
         status = how->global ? map_at_once(j, how, sparse, out) : map_and_choose(j, how, sparse, out);
+        if (status == CN_OK && out->model && how->global == CN_GLOBAL_OWN) status = count_placed(sparse, out);
         j->stage = "mapping";
     }
     free(stage);

@@ -13,6 +13,7 @@ typedef struct cn_mapped {
     char *model;  /* folder of the largest model; NULL: COLMAP finds no poses */
     char *folder; /* of all models that COLMAP made; NULL: none */
     uint32_t n_models, n_photos, n_points;
+    uint32_t n_at_once;      /* photos that Conurb's global mapper placed; 0: it did not map */
     uint32_t n_elsewhere;    /* photos of other models that GPS places */
     uint32_t attempt;        /* that found it, from 1 */
     uint32_t n_gps, n_agree; /* photos of the model with GPS, and those of them that agree with it */

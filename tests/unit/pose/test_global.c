@@ -412,8 +412,25 @@ static void write_program(const char *fails)
         "[ \"$b\" = --database_path ] && db=$a; b=$a; done\n"
         "case $1 in\n%s) echo 'ERROR: no memory'; exit 1;;\nfeature_extractor) cp %s $db;;\n"
         "point_triangulator|bundle_adjuster) cp $in/* $out;;\n"
-        "mapper) if [ $in ]; then cp $in/* $out; else cp -r %s/poses/sparse-global-placed $out/0; fi;;\nesac\n",
-        folder, *fails ? fails : "none", path, folder);
+        "mapper) if [ $in ]; then cp %s/whole/* $out; else cp -r %s/poses/sparse-global-placed $out/0; fi;;\nesac\n",
+        folder, *fails ? fails : "none", path, folder, folder);
+}
+
+/* FOLDER/whole: a model of all photos. */
+static void make_whole(void)
+{
+    cn_view views[N];
+    cn_observation seen[N];
+    cn_camera camera = { 1, CN_LENS_PINHOLE, 800, 600, { 960, 960, 400, 300 } };
+    cn_point point = { .xyz = { 0, 0, 5 }, .n_observations = N };
+    for (uint32_t i = 0; i < N; i++) {
+        views[i] = (cn_view){ .name = names[i], .rotation = { 1, 0, 0, 0, 1, 0, 0, 0, 1 } };
+        seen[i] = (cn_observation){ i, 400, 300 };
+    }
+    const cn_scene scene = { &camera, 1, views, N, &point, 1, seen, N };
+    char whole[96];
+    snprintf(whole, sizeof whole, "%s/whole", folder);
+    assert_int_equal(cn_scene_write_colmap(&scene, whole), CN_OK);
 }
 
 static size_t calls(const char *word)
@@ -421,13 +438,15 @@ static size_t calls(const char *word)
     return file_count(folder, "calls", word);
 }
 
+static uint32_t attempts;
+
 static cn_status pose(cn_mapper mapper, cn_colmap_result *result, cn_colmap_choice *choice)
 {
     cn_pose_options options = cn_pose_options_default();
     options.match_with = CN_MATCH_WITH_COLMAP;
     options.colmap = program;
     options.mapper = mapper;
-    options.attempts = 1;
+    options.attempts = attempts;
     const cn_colmap_task task = {
         .ctx = &CONTEXT, .index = &photo_index, .dir = work, .options = &options, .choice = choice
     };
@@ -443,6 +462,7 @@ static void begin(void)
     snprintf(work, sizeof work, "%s/poses", folder);
     assert_int_equal(mkdir(work, 0700), 0);
     write_database(true);
+    attempts = 1;
 }
 
 static void end(void)
@@ -482,9 +502,17 @@ static void the_rest_is_added(void **state)
     colmap_database_run(path, "DELETE FROM two_view_geometries WHERE pair_id > 11 * 2147483647 OR pair_id % "
                               "2147483647 = 12");
     write_program("");
+    make_whole();
     assert_int_equal(pose(CN_MAP_AUTO, &result, NULL), CN_OK);
     assert_int_equal(calls("mapper --"), 1);
     assert_int_equal(calls("sparse-global-adjusted\n"), 1); /* where the mapper begins */
+    cn_colmap_result_deinit(&result);
+    /* Then COLMAP also maps alone, once, and the result with more points is kept. */
+    attempts = 5;
+    assert_int_equal(pose(CN_MAP_AUTO, &result, NULL), CN_OK);
+    assert_int_equal(calls("mapper --"), 2);
+    assert_non_null(strstr(logged, "attempt 2 (COLMAP's defaults)"));
+    assert_null(strstr(logged, "attempt 3"));
     cn_colmap_result_deinit(&result);
     end();
 }
