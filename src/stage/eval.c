@@ -333,14 +333,51 @@ cn_status cn_evaluate_tile(const cn_context *ctx, const cn_city *city, const cn_
     return status;
 }
 
+/* Whether the photo is scored now. */
+static bool is_scored(const eval_job *j, const char *name)
+{
+    for (uint32_t v = 0; v < j->m->scene.n_views; v++)
+        if (j->held[v] && strcmp(j->m->scene.views[v].name, name) == 0) return true;
+    return false;
+}
+
+/* Removes the pictures of photos that the last eval scored and this one does not: other tiles rendered them. */
+static cn_status remove_old_pictures(const eval_job *j, const json_t *photos)
+{
+    size_t i;
+    const json_t *photo;
+    json_array_foreach(photos, i, photo)
+    {
+        const char *name = json_string_value(json_object_get(photo, "name"));
+        if (!name || is_scored(j, name) || strstr(name, "../")) continue; /* names are below the folder of the photos */
+        char *path = cn_format("%s/%s.png", j->dir, name);
+        const cn_status status = path ? cn_file_remove(path) : cn_fail(CN_ERR_NOMEM, "out of memory");
+        free(path);
+        CN_TRY(status);
+    }
+    return CN_OK;
+}
+
+/* Removes what the last eval left. The record goes last, as it names the pictures, and it goes until the stage is
+ * complete again: pictures may come from other tiles. */
+static cn_status remove_old(const eval_job *j)
+{
+    json_t *root = NULL;
+    char *old = cn_path_join(j->dir, "eval.json");
+    if (!old) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    const bool there = cn_file_exists(old);
+    if (there && cn_json_load(old, &root) != CN_OK) root = NULL; /* it names no pictures then */
+    cn_status status = remove_old_pictures(j, json_object_get(root, "photos"));
+    if (status == CN_OK && there) status = cn_file_remove(old);
+    json_decref(root);
+    free(old);
+    return status;
+}
+
 static cn_status eval_all(eval_job *j, cn_eval *eval)
 {
     CN_TRY(cn_folder_make(j->dir));
-    /* Remove the record until the stage is complete again: pictures may come from other tiles. */
-    char *old = cn_path_join(j->dir, "eval.json");
-    const cn_status removed = old ? cn_file_remove(old) : cn_fail(CN_ERR_NOMEM, "out of memory");
-    free(old);
-    CN_TRY(removed);
+    CN_TRY(remove_old(j));
     CN_TRY(make_room(eval, j->n_held));
     CN_TRY(score_marked(j, "tiles", eval));
     return save(j, eval);
@@ -378,6 +415,7 @@ cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, 
     if (!n) eval->plain = eval->half = eval->unfitted = eval->corrected = (cn_score){ NAN, NAN };
     if (status == CN_OK && n == 0)
         cn_log(ctx, CN_LOG_WARN, "no photo is held out (plan.hold_out_every, or too few photos): nothing to evaluate");
+    if (status == CN_OK && n == 0) status = remove_old(&j);
     if (status == CN_OK && n) status = eval_locked(&j, city, folder, !blend, eval);
     cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);

@@ -35,6 +35,18 @@ pictures=$(find "$town/eval" -name '*.png' | wc -l)
 while read -r name; do
     [ -s "$town/eval/$name.png" ] && good || bad "no picture of $name"
 done <"$work/held"
+# Where other photos are held out, the pictures of the earlier ones go; what Conurb did not write stays.
+cp -r "$town" "$work/other"
+echo mine >"$work/other/eval/mine.png"
+sed -i 's/hold_out_every: 2/hold_out_every: 3/' "$work/other/city.yaml"
+expect 0 "held-out photos" "a run that holds out other photos" "$conurb" run "$work/other" --threads 2
+python3 - "$work/other/eval" >"$work/out" 2>&1 <<'PY' && good || bad "eval leaves pictures of photos that are not held out"
+import json, pathlib, sys
+folder = pathlib.Path(sys.argv[1])
+held = {photo["name"] + ".png" for photo in json.load(open(folder / "eval.json"))["photos"]}
+there = {str(path.relative_to(folder)) for path in folder.rglob("*.png")}
+assert there == held | {"mine.png"}, (there, held)
+PY
 for name in a/b a_b; do
     expect 0 "frames" "a view of $name" "$conurb" render "$town" --photo "$name$ending" --width 32
 done

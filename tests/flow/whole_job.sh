@@ -67,6 +67,8 @@ expect 0 "" "training on all photos" "$conurb" train "$work/all"
 expect 0 "There is no score" "eval without held-out photos" "$conurb" eval "$work/all"
 grep -q " dB" "$work/out" && bad "eval without held-out photos prints a score" || good
 expect 0 '"psnr": null' "the same as JSON" "$conurb" eval "$work/all" --json
+[ ! -e "$work/all/eval/eval.json" ] && [ -z "$(find "$work/all/eval" -name '*.png')" ] && good ||
+    bad "eval without held-out photos leaves the scores or pictures of an earlier one"
 for command in init poses plan train eval render run; do
     expect 0 "example:" "$command --help" "$conurb" "$command" --help
 done
