@@ -79,8 +79,10 @@ typedef struct cn_submit_options {
     uint32_t max_tasks;       /* tasks of one stage at the same time; 0: no limit but the cluster's own */
     uint32_t cpus;            /* processors for each task; 0: from the plan's estimate */
     const char *template_dir; /* folder with slurm.sbatch or kubernetes.yaml; NULL: the built-in templates */
-    const char *program;      /* the conurb program that the tasks run: an absolute path, valid on the cluster */
+    const char *program;      /* the conurb program that the tasks run: an absolute path, valid on the cluster;
+                               * NULL, for Kubernetes: that of the image */
     const char *quality;      /* training preset, by name; NULL: from city.yaml */
+    const char *device;       /* the tasks' --device, as in cn_device_create; NULL: what each task chooses */
 } cn_submit_options;
 /* Writes one script for each stage to CITY/jobs. A city whose photos are posed in groups gets an array of the groups
  * and a job that merges them. Submits the stages that are due and not yet in the queue, and records

@@ -49,7 +49,8 @@ typedef struct cn_app_command {
     size_t size;                  /* size of the command's struct */
     const void *defaults;         /* a struct with the defaults; NULL: zeros */
     int min_operands, max_operands;
-    bool computes; /* trains or renders: uses a graphics processor where there is one */
+    bool computes;      /* trains or renders: uses a graphics processor where there is one */
+    bool passes_device; /* the call's device is for other processes: this one opens none */
     cn_status (*run)(const cn_context *ctx, const cn_app_call *call);
 } cn_app_command;
 /* The commands, one per cmd_NAME.c; commands.c lists them. */

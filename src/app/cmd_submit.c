@@ -1,8 +1,10 @@
 #include "app.h"
 
 #include "conurb/batch.h"
+#include "conurb/device.h"
 
 #include <limits.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -24,12 +26,24 @@ static const cn_app_option table[] = {
     { "template", "DIR",
       "folder with your own slurm.sbatch or kubernetes.yaml. The folder jobs/ of the sources has examples", CN_APP_TEXT,
       offsetof(options, submit.template_dir), NULL },
-    { "program", "PATH", "the conurb program that the tasks run; by default this one", CN_APP_TEXT,
-      offsetof(options, submit.program), NULL },
+    { "program", "PATH", "the conurb program that the tasks run; by default this one (Kubernetes: that of the image)",
+      CN_APP_TEXT, offsetof(options, submit.program), NULL },
     { "quality", "NAME", "preset, instead of the one in city.yaml; its other settings hold", CN_APP_CHOICE,
       offsetof(options, submit.quality), CN_APP_QUALITIES },
     { 0 }
 };
+
+/* The tasks use the device, on machines that may have others: only the form of its name is checked here. */
+static cn_status choose_device(const cn_app_call *call, cn_submit_options *submit)
+{
+    const char *name = call->device ? call->device : getenv("CONURB_DEVICE");
+    submit->device = name && *name ? name : NULL;
+    cn_device *device = NULL;
+    const cn_status status = submit->device ? cn_device_create(submit->device, &device) : CN_OK;
+    cn_device_destroy(&device);
+    if (status != CN_ERR_USAGE) return CN_OK;
+    return cn_fail(status, "%s: %s", call->device ? "--device" : "CONURB_DEVICE", cn_error_message());
+}
 
 static cn_status run_submit(const cn_context *ctx, const cn_app_call *call)
 {
@@ -44,7 +58,8 @@ static cn_status run_submit(const cn_context *ctx, const cn_app_call *call)
     submit.cpus = (uint32_t)o->cpus;
     const ssize_t n = readlink("/proc/self/exe", self, sizeof self - 1);
     self[n > 0 ? n : 0] = '\0';
-    if (!submit.program) submit.program = n > 0 ? self : "conurb";
+    if (!submit.program && submit.engine == CN_ENGINE_SLURM) submit.program = n > 0 ? self : "conurb";
+    CN_TRY(choose_device(call, &submit));
     cn_city *city;
     CN_TRY(cn_city_open(&city, call->operands[0]));
     const cn_status status = cn_city_submit(ctx, city, &submit);
@@ -64,5 +79,6 @@ const cn_app_command cn_app_submit = {
     .max_operands = 1,
     .options = table,
     .size = sizeof(options),
+    .passes_device = true,
     .run = run_submit,
 };

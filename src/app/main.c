@@ -40,7 +40,7 @@ static cn_status run_command(const cn_app_command *command, const cn_app_common 
     cn_colour_own_process();
     cn_video_own_process();
     cn_app_console(&ctx);
-    CN_TRY(cn_app_choose_device(&ctx, common->device, command->computes));
+    if (!command->passes_device) CN_TRY(cn_app_choose_device(&ctx, common->device, command->computes));
     cn_status status = cn_pool_create(&ctx.pool, common->threads);
     if (status == CN_OK) status = command->run(&ctx, call);
     cn_device_destroy(&ctx.device);

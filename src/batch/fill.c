@@ -101,3 +101,11 @@ char *cn_yaml_string(const char *text)
     strcpy(p, "\"");
     return string;
 }
+
+char *cn_submit_device_option(const cn_submit_options *o)
+{
+    char *word = o->device ? cn_shell_word(o->device) : NULL;
+    char *option = o->device && !word ? NULL : cn_format("%s%s", word ? " --device " : "", word ? word : "");
+    free(word);
+    return option;
+}

@@ -23,37 +23,43 @@ static void object_name(const cn_submission *s, const cn_submit_job *job, char o
         *p = isalnum((unsigned char)*p) ? (char)tolower((unsigned char)*p) : '-';
 }
 
+/* What a pod does: `program` with the city and, in an array, with the item of its index. tail: the last options. */
+static char *write_command(const cn_submission *s, const cn_submit_job *job, const char *program, const char *city,
+                           const char *tail)
+{
+    const char *stage = job->stage, *quality = s->options->quality;
+    const bool train = strcmp(stage, "train") == 0, group = strcmp(stage, "group") == 0;
+    if (strcmp(stage, "merge") == 0)
+        return cn_format("%s poses %s --merge%s && exec %s plan %s%s", program, city, tail, program, city, tail);
+    if (strcmp(stage, "eval") == 0 || strcmp(stage, "match") == 0)
+        return cn_format("exec %s %s %s%s", program, stage, city, tail);
+    if (strcmp(stage, "prepare") == 0)
+        return cn_format("%s poses %s --split%s && { [ -e %s/poses/groups/groups.json ] || { %s poses %s%s && exec %s "
+                         "plan %s%s; }; }",
+                         program, city, tail, city, program, city, tail, program, city, tail);
+    char *items = cn_shell_word(job->list), *text = NULL;
+    if (items)
+        text = cn_format("exec %s %s %s --%s \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\"%s%s%s", program,
+                         group ? "poses" : stage, city,
+                         train   ? "tile"
+                         : group ? "group"
+                                 : "chunk",
+                         items, tail, train && quality ? " --quality " : "", train && quality ? quality : "");
+    free(items);
+    return text;
+}
+
 static char *command_of(const cn_submission *s, const cn_submit_job *job)
 {
-    char *city = cn_shell_word(s->city->folder), *items = cn_shell_word(job->list), *text = NULL;
-    const char *quality = s->options->quality;
-    if (!city || !items)
-        text = NULL;
-    else if (strcmp(job->stage, "train") == 0)
-        text = cn_format(
-            "exec conurb train %s --tile \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u%s%s", city,
-            items, job->cpus, quality ? " --quality " : "", quality ? quality : "");
-    else if (strcmp(job->stage, "render") == 0)
-        text =
-            cn_format("exec conurb render %s --chunk \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u",
-                      city, items, job->cpus);
-    else if (strcmp(job->stage, "group") == 0)
-        text =
-            cn_format("exec conurb poses %s --group \"$(sed -n \"$((JOB_COMPLETION_INDEX + 1))p\" %s)\" --threads %u",
-                      city, items, job->cpus);
-    else if (strcmp(job->stage, "merge") == 0)
-        text = cn_format("conurb poses %s --merge --threads %u && exec conurb plan %s --threads %u", city, job->cpus,
-                         city, job->cpus);
-    else if (strcmp(job->stage, "eval") == 0 || strcmp(job->stage, "match") == 0)
-        text = cn_format("exec conurb %s %s --threads %u", job->stage, city, job->cpus);
-    else
-        text = cn_format("conurb poses %s --split --threads %u && { [ -e %s/poses/groups/groups.json ] || { conurb "
-                         "poses %s --threads %u && exec conurb plan %s --threads %u; }; }",
-                         city, job->cpus, city, city, job->cpus, city, job->cpus);
-    free(city);
-    free(items);
+    const cn_submit_options *o = s->options;
+    char *city = cn_shell_word(s->city->folder), *device = cn_submit_device_option(o);
+    char *program = o->program ? cn_shell_word(o->program) : strdup("conurb");
+    char *tail = device ? cn_format(" --threads %u%s", job->cpus, device) : NULL;
+    char *text = city && program && tail ? write_command(s, job, program, city, tail) : NULL;
     char *quoted = text ? cn_yaml_string(text) : NULL;
-    free(text);
+    char *owned[] = { city, device, program, tail, text };
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
+        free(owned[i]);
     return quoted;
 }
 

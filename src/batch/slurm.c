@@ -29,15 +29,17 @@ static cn_status write_script(const cn_submission *s, const cn_submit_job *job, 
     char *name = title ? cn_sbatch_word(title, false) : NULL, *text = NULL;
     char *quality = o->quality ? cn_format("--quality %s", o->quality) : cn_format("%s", "");
     char *template_dir = o->template_dir ? cn_shell_word(o->template_dir) : NULL;
-    char *options =
-        cn_format("%s%s%s --max-tasks %u --cpus %u", quality ? quality : "", template_dir ? " --template " : "",
-                  template_dir ? template_dir : "", o->max_tasks, o->cpus);
+    char *device = cn_submit_device_option(o);
+    char *options = cn_format("%s%s%s --max-tasks %u --cpus %u --program %s%s", quality ? quality : "",
+                              template_dir ? " --template " : "", template_dir ? template_dir : "", o->max_tasks,
+                              o->cpus, program ? program : "", device ? device : "");
     *script = cn_format("%.*s.sbatch", (int)(strlen(job->list) - strlen(".items")), job->list);
     cn_status status = cn_fail(CN_ERR_NOMEM, "out of memory for a script");
-    if (city && program && items && logs && name && quality && options && *script) {
+    if (city && program && items && logs && name && quality && device && options && *script) {
         const cn_blank blanks[] = { { "name", name },
                                     { "stage", job->stage },
                                     { "logs", logs },
+                                    { "job", job->n ? "%A_%a" : "%j" },
                                     { "cpus", cpus },
                                     { "minutes", minutes },
                                     { "memory_mb", memory },
@@ -46,11 +48,12 @@ static cn_status write_script(const cn_submission *s, const cn_submit_job *job, 
                                     { "items", items },
                                     { "options", options },
                                     { "train_options", quality },
+                                    { "device_option", device },
                                     { NULL, NULL } };
         status = cn_template_fill(o->template_dir, "slurm.sbatch", cn_slurm_template, blanks, &text);
     }
     if (status == CN_OK) status = cn_file_write(*script, text, strlen(text));
-    char *owned[] = { city, program, items, folder, logs, title, name, quality, options, template_dir, text };
+    char *owned[] = { city, program, items, folder, logs, title, name, quality, device, options, template_dir, text };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
         free(owned[i]);
     return status;

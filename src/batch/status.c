@@ -76,9 +76,16 @@ static void read_lock(const cn_city *city, const char *folder, const char *name,
     row->work = lock.held ? CN_WORK_RUNNING : CN_WORK_LOST;
     row->heartbeat_s = lock.age_s;
     snprintf(row->where, sizeof row->where, "%s, pid %ld", lock.host, lock.pid);
-    row->done = number(note, "done", row->done);
-    row->total = number(note, "total", row->total);
-    row->left_s = number(note, "left_s", -1);
+    const char *stage = json_string_value(json_object_get(note, "stage"));
+    if (strcmp(row->stage, "train") == 0 && stage && strcmp(stage, row->stage) != 0) {
+        /* A tile's photos are read, and matched, before its first step. */
+        snprintf(row->note, sizeof row->note, "%s: %.0f of %.0f", stage, number(note, "done", 0),
+                 number(note, "total", 0));
+    } else {
+        row->done = number(note, "done", row->done);
+        row->total = number(note, "total", row->total);
+        row->left_s = number(note, "left_s", -1);
+    }
     row->memory_bytes = number(note, "memory_bytes", 0);
     const double silent = (double)time(NULL) - number(note, "at", (double)time(NULL));
     if (!lock.held)

@@ -1,6 +1,8 @@
 #include "batch/submit.h"
 
+#include "base/clock.h"
 #include "base/file.h"
+#include "city/lock.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -8,6 +10,7 @@
 #include <string.h>
 
 enum { TASK_S = 7200, MOST_CPUS = 32, PREPARE_CPUS = 4, PREPARE_MINUTES = 24 * 60, PREPARE_MB = 8192 };
+enum { TURN_S = 120 }; /* longer than the lock of a machine that failed is held */
 
 /* Enough processors for the longest task to take about two hours. Ask for three times the estimated time (1.2 times a
  * budget, which more processors do not shorten) and 1.25 times the memory: a task that exceeds either is killed. The
@@ -140,6 +143,17 @@ static cn_status check_queue(const cn_submission *s, const cn_city_state *state)
     return CN_OK;
 }
 
+/* Two submissions at once would not see each other's jobs, in the queue or on record. A submission takes seconds. */
+static cn_status take_turn(cn_city_lock *lock, const cn_context *ctx, const cn_city *city)
+{
+    const double begun = cn_now_s();
+    for (;;) {
+        const cn_status status = cn_city_lock_take(lock, ctx, city, "jobs", "a submission of the city");
+        if (status != CN_ERR_LOCKED || cn_now_s() - begun > TURN_S || cn_stopping(ctx)) return status;
+        nanosleep(&(struct timespec){ .tv_nsec = 200000000 }, NULL);
+    }
+}
+
 static cn_status submit(cn_submission *s, cn_city *city)
 {
     const char *quality = s->options->quality;
@@ -169,7 +183,10 @@ static cn_status submit(cn_submission *s, cn_city *city)
 cn_status cn_city_submit(const cn_context *ctx, cn_city *city, const cn_submit_options *options)
 {
     cn_submission s = { .ctx = ctx, .city = city, .options = options };
-    const cn_status status = submit(&s, city);
+    cn_city_lock lock = { 0 };
+    cn_status status = take_turn(&lock, ctx, city);
+    if (status == CN_OK) status = submit(&s, city);
+    cn_city_lock_drop(&lock);
     for (uint32_t i = 0; i < s.n_jobs; i++) {
         free(s.jobs[i].items);
         free(s.jobs[i].list);

@@ -16,6 +16,8 @@ CN_NODISCARD cn_status cn_template_fill(const char *folder, const char *file, co
 /* Quote a text as one shell word, or as one YAML string; the caller frees it; NULL when out of memory. */
 char *cn_shell_word(const char *text);
 char *cn_yaml_string(const char *text);
+/* " --device 'gpu'" for the command line of a task, or "" when no device is asked for; as above. */
+char *cn_submit_device_option(const cn_submit_options *options);
 /* Quotes a text as a value in an #SBATCH line. file: the option names a file, where % begins a pattern. */
 char *cn_sbatch_word(const char *text, bool file);
 

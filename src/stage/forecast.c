@@ -2,6 +2,7 @@
  * on every machine. */
 #include "stage/forecast.h"
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/number.h"
 
@@ -108,21 +109,60 @@ static cn_status predict(const cn_context *ctx, cn_train_speed *speed, const cn_
     return CN_OK;
 }
 
-static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, const cn_train_options options[CN_PRESETS],
-                               const cn_plan *plan, const cn_dataset *m, sum all[CN_PRESETS])
+typedef struct prediction {
+    cn_train_options options[CN_PRESETS];
+    sum all[CN_PRESETS];
+    char lines[LISTED + 1][CN_PRESETS][LINE]; /* of the first tiles; the last is of one beyond them */
+} prediction;
+
+/* Trying steps takes seconds a preset, and more on a busy machine. How long is not known before. */
+static void report(const cn_context *ctx, double begun, uint32_t done, uint32_t n_tiles, int preset)
 {
-    char line[CN_PRESETS][LINE];
+    const cn_progress_report r = { .stage = "trying steps",
+                                   .item = cn_preset_names[preset],
+                                   .done = done,
+                                   .total = (double)n_tiles * CN_PRESETS,
+                                   .elapsed_s = cn_now_s() - begun,
+                                   .left_s = -1 };
+    cn_progress(ctx, &r);
+}
+
+static cn_status predict_tiles(const cn_context *ctx, cn_train_speed *speed, prediction *all, const cn_plan *plan,
+                               const cn_dataset *m)
+{
+    const double begun = cn_now_s();
     for (uint32_t i = 0; i < plan->n_tiles; i++) {
         if (cn_stopping(ctx))
             return cn_fail(CN_ERR_INTERRUPTED, "stopped while predicting training; the plan itself is done");
         const cn_train_input input = { &m->scene, &m->photos, m->pixels, &plan->tiles[i] };
-        for (int p = 0; p < CN_PRESETS; p++)
-            CN_TRY(predict(ctx, speed, &options[p], &input, &all[p], line[p]));
-        if (i < LISTED)
-            cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", plan->tiles[i].id, line[0], line[1], line[2], line[3]);
+        for (int p = 0; p < CN_PRESETS; p++) {
+            report(ctx, begun, i * CN_PRESETS + (uint32_t)p, plan->n_tiles, p);
+            CN_TRY(predict(ctx, speed, &all->options[p], &input, &all->all[p], all->lines[i < LISTED ? i : LISTED][p]));
+        }
+    }
+    return CN_OK;
+}
+
+static void log_heading(const cn_context *ctx)
+{
+    const cn_device_info *device = cn_forecast_device(ctx);
+    const int width = device ? 24 : 17;
+    if (device)
+        cn_log(ctx, CN_LOG_INFO,
+               "training on %s, by steps tried on it, with the memory of this machine + of the device:", device->name);
+    else
+        cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
+    cn_log(ctx, CN_LOG_INFO, "%-20s %*s  %*s  %*s  %*s", "", width, cn_preset_names[0], width, cn_preset_names[1],
+           width, cn_preset_names[2], width, cn_preset_names[3]);
+}
+
+static void log_tiles(const cn_context *ctx, const cn_plan *plan, const prediction *all)
+{
+    for (uint32_t i = 0; i < plan->n_tiles && i < LISTED; i++) {
+        const char(*line)[LINE] = all->lines[i];
+        cn_log(ctx, CN_LOG_INFO, "%-20s %s  %s  %s  %s", plan->tiles[i].id, line[0], line[1], line[2], line[3]);
     }
     if (plan->n_tiles > LISTED) cn_log(ctx, CN_LOG_INFO, "and %u tiles more", plan->n_tiles - LISTED);
-    return CN_OK;
 }
 
 static void log_sums(const cn_context *ctx, const sum all[CN_PRESETS])
@@ -168,27 +208,25 @@ static cn_status log_choices(const cn_context *ctx, cn_train_speed *speed, const
 
 cn_status cn_forecast(const cn_context *ctx, const cn_config *config, const cn_plan *plan, const cn_dataset *dataset)
 {
-    cn_train_options options[CN_PRESETS];
-    sum all[CN_PRESETS];
     cn_train_speed *speed;
+    prediction *all = calloc(1, sizeof *all);
+    if (!all) return cn_fail(CN_ERR_NOMEM, "out of memory for the forecast of training");
     for (int p = 0; p < CN_PRESETS; p++) {
-        options[p] = cn_config_train(config, p, 0);
-        options[p].time_budget_s = 0;
-        all[p] = (sum){ .whole = true };
+        all->options[p] = cn_config_train(config, p, 0);
+        all->options[p].time_budget_s = 0;
+        all->all[p].whole = true;
     }
-    CN_TRY(cn_speed_open(&speed));
-    const cn_device_info *device = cn_forecast_device(ctx);
-    const int width = device ? 24 : 17;
-    if (device)
-        cn_log(ctx, CN_LOG_INFO,
-               "training on %s, by steps tried on it, with the memory of this machine + of the device:", device->name);
-    else
-        cn_log(ctx, CN_LOG_INFO, "training on this machine, by steps tried on it:");
-    cn_log(ctx, CN_LOG_INFO, "%-20s %*s  %*s  %*s  %*s", "", width, cn_preset_names[0], width, cn_preset_names[1],
-           width, cn_preset_names[2], width, cn_preset_names[3]);
-    cn_status status = predict_tiles(ctx, speed, options, plan, dataset, all);
-    if (status == CN_OK) log_sums(ctx, all);
-    if (status == CN_OK) status = log_choices(ctx, speed, config, plan);
-    cn_train_speed_destroy(&speed);
+    cn_status status = cn_speed_open(&speed);
+    if (status == CN_OK) {
+        status = predict_tiles(ctx, speed, all, plan, dataset);
+        if (status == CN_OK) {
+            log_heading(ctx);
+            log_tiles(ctx, plan, all);
+            log_sums(ctx, all->all);
+            status = log_choices(ctx, speed, config, plan);
+        }
+        cn_train_speed_destroy(&speed);
+    }
+    free(all);
     return status;
 }

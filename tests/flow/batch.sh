@@ -133,6 +133,7 @@ cp -a "$town" "$work/scored"
 sed -i 's/hold_out_every: 0/hold_out_every: 4/' "$work/scored/city.yaml"
 rm -r "$work/scored/jobs"
 expect 0 "tiles" "a plan with photos to score" "$conurb" plan "$work/scored"
+grep -q "trying steps preview: 0%" "$work/out" && good || bad "plan is silent while it tries steps"
 expect 0 "eval=" "submit with scores" "$conurb" submit "$work/scored" --engine slurm --dry-run
 for stage in train eval match render; do
     asked=$(sed -n 's/^#SBATCH --\(mem\|time\)=\([0-9]*\).*/\2/p' "$work/scored/jobs/$stage"-*.sbatch | tr '\n' ' ')

@@ -134,11 +134,29 @@ static void test_names(void **state)
     assert_int_equal(strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-"), strlen(name));
 }
 
+/* The program of the image runs the tasks, or another one; a device that is asked for goes with them. */
+static void test_commands(void **state)
+{
+    (void)state;
+    add_node("train");
+    add_job("train");
+    char *manifest = submit((const char *const[]){ "train", NULL });
+    assert_non_null(strstr(manifest, "exec conurb train '"));
+    assert_non_null(strstr(manifest, "items')\\\" --threads 4\"]"));
+    free(manifest);
+    options = (cn_submit_options){ .program = "/opt/conurb", .device = "gpu", .quality = "high" };
+    manifest = submit((const char *const[]){ "train", NULL });
+    assert_non_null(strstr(manifest, "exec '/opt/conurb' train '"));
+    assert_non_null(strstr(manifest, "items')\\\" --threads 4 --device 'gpu' --quality high\"]"));
+    free(manifest);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_only_what_can_begin, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_groups, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_commands, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_names, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -78,7 +78,7 @@ static void test_script(void **state)
                                          "#SBATCH --mem=2048M\n",
                                          "#SBATCH --time=50\n",
                                          "#SBATCH --job-name=old\\ town\\'s-train\n",
-                                         "/old\\ town\\'s/jobs/logs/train-%j.log\n",
+                                         "/old\\ town\\'s/jobs/logs/train-%A_%a.log\n",
                                          "/old town'\\''s'\n",
                                          "conurb='/opt/conurb 1/bin/conurb'\n",
                                          "--quality high" };
@@ -96,37 +96,57 @@ static void test_script(void **state)
     expect_recorded("12", "12", 1);
 }
 
-/* A task of the script: conurb is a script that ends in each way. 75 is put back into the queue, 0 and 6 are not. */
+/* A task of the script: conurb is a script that ends in each way. 75 is put back into the queue, 0 and 6 are not, nor
+ * what scancel ended. The task is the last of its array, whose number is that of the array: only this task is put back.
+ */
 static void test_a_task_that_ends(void **state)
 {
     (void)state;
-    static const int codes[] = { 0, 6, 75, 137 };
+    static const int codes[] = { 0, 6, 75, 75, 137 };
+    static const char *const jobs[] = { "RUNNING", "RUNNING", "RUNNING", "COMPLETING", "RUNNING" };
     for (size_t i = 0; i < sizeof codes / sizeof *codes; i++) {
         tear_down(NULL);
         assert_int_equal(set_up(NULL), 0);
-        char *program = cn_format("%s/conurb", fake_dir()), end[32];
+        char *program = cn_format("%s/conurb", fake_dir()), end[32], said[64];
         options.program = program;
+        options.device = "gpu:1";
         add_job("train", 3);
         fake_write("old town's/jobs/train-0123abcd.items", "A1\nB2\nC3\n");
         fake_program("sbatch", "echo 12");
         assert_int_equal(cn_submit_slurm(&submission), CN_OK);
         fake_write("calls", "");
-        fake_program("scontrol", "true");
+        snprintf(said, sizeof said, "[ \"$2\" != job ] || echo JobState=%s", jobs[i]);
+        fake_program("scontrol", said);
         snprintf(end, sizeof end, codes[i] == 137 ? "kill -9 $$" : "exit %d", codes[i]);
         fake_program("conurb", end);
-        char *command = cn_format("SLURM_ARRAY_TASK_ID=2 SLURM_JOB_ID=12 bash "
+        char *command = cn_format("SLURM_ARRAY_JOB_ID=12 SLURM_ARRAY_TASK_ID=2 SLURM_JOB_ID=12 bash "
                                   "\"%s/old town's/jobs/train-0123abcd.sbatch\" 2>/dev/null",
                                   fake_dir());
         const int status = system(command);
         assert_int_equal(status >> 8, codes[i]);
         char *calls = fake_read("calls");
         assert_non_null(strstr(calls, "train\n"));
-        assert_non_null(strstr(calls, "--tile\nB2\n--threads\n4\n"));
-        assert_int_equal(strstr(calls, "requeue\n12\n") != NULL, codes[i] == 75);
+        assert_non_null(strstr(calls, "--tile\nB2\n--threads\n4\n--device\ngpu:1\n"));
+        assert_int_equal(strstr(calls, "requeue\n12_2\n") != NULL, codes[i] == 75 && strcmp(jobs[i], "RUNNING") == 0);
+        assert_null(strstr(calls, "requeue\n12\n"));
         free(calls);
         free(command);
         free(program);
     }
+}
+
+/* The job that makes poses and plan submits the rest with the same program, on the same device. */
+static void test_what_a_job_submits(void **state)
+{
+    (void)state;
+    options.device = "gpu:1";
+    add_job("prepare", 0);
+    fake_program("sbatch", "echo 12");
+    assert_int_equal(cn_submit_slurm(&submission), CN_OK);
+    char *text = fake_read("old town's/jobs/prepare-0123abcd.sbatch");
+    assert_non_null(strstr(text, " --program '/opt/conurb 1/bin/conurb' --device 'gpu:1' || code=$?"));
+    assert_non_null(strstr(text, "/jobs/logs/prepare-%j.log\n"));
+    free(text);
 }
 
 /* Renders wait for the tiles and the match, of this submission and of earlier ones. A failed tile cancels them. */
@@ -340,6 +360,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_script, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_task_that_ends, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_what_a_job_submits, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_dependencies, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_more_tasks_than_an_array_has, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_answers, set_up, tear_down),

@@ -110,6 +110,33 @@ static void test_tiles(void **state)
     cn_city_state_deinit(&s);
 }
 
+/* What a tile does before its first step is told by its name: photos are no steps. */
+static void test_before_the_first_step(void **state)
+{
+    (void)state;
+    folder("plan");
+    folder("tiles/a");
+    fake_write("plan/plan.json", "{\"tiles\": [{\"id\": \"a\"}]}");
+    char *path = cn_format("%s/tiles/a/LOCK", fake_dir());
+    cn_lock *lock;
+    assert_int_equal(cn_lock_take(&lock, path, "a tile"), CN_OK);
+    cn_lock_note(lock, "{\"stage\": \"stereo\", \"done\": 5, \"total\": 16, \"left_s\": 7}");
+    cn_city_state s;
+    assert_int_equal(cn_city_state_read(&fake_ctx, city, &s), CN_OK);
+    const cn_work_row *row = row_of(&s, "train", "a");
+    assert_int_equal(row->work, CN_WORK_RUNNING);
+    assert_true(row->done == 0 && row->total == 0 && row->left_s < 0 && s.left_s < 0);
+    assert_string_equal(row->note, "stereo: 5 of 16");
+    cn_city_state_deinit(&s);
+    cn_lock_note(lock, "{\"stage\": \"train\", \"done\": 5, \"total\": 60, \"left_s\": 7}");
+    assert_int_equal(cn_city_state_read(&fake_ctx, city, &s), CN_OK);
+    row = row_of(&s, "train", "a");
+    assert_true(row->done == 5 && row->total == 60 && row->left_s == 7 && !row->note[0]);
+    cn_city_state_deinit(&s);
+    cn_lock_release(&lock);
+    free(path);
+}
+
 /* Files that a machine which failed left half written do not stop the others. */
 static void test_damaged_files(void **state)
 {
@@ -176,12 +203,35 @@ static void test_first_submission(void **state)
     free(calls);
 }
 
+/* Submissions at once do not lose each other's jobs, nor submit a stage twice. */
+static void test_two_submissions_at_once(void **state)
+{
+    (void)state;
+    const cn_submit_options options = { .program = "/opt/conurb" };
+    fake_program("sbatch", "sleep 0.5; echo '70|PENDING||(Priority)' >\"${0%/*}/queue\"; echo 70");
+    fake_program("squeue", "cat \"${0%/*}/queue\"");
+    fake_write("queue", "");
+    const pid_t other = fork();
+    if (other == 0) _exit(cn_city_submit(&fake_ctx, city, &options) == CN_OK ? 0 : 1);
+    assert_int_equal(cn_city_submit(&fake_ctx, city, &options), CN_OK);
+    int status;
+    assert_int_equal(waitpid(other, &status, 0), other);
+    assert_int_equal(status, 0);
+    char *calls = fake_read("calls");
+    const char *first = strstr(calls, "--parsable");
+    assert_non_null(first);
+    assert_null(strstr(first + 1, "--parsable"));
+    free(calls);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_tiles, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_before_the_first_step, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_damaged_files, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_first_submission, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_two_submissions_at_once, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
