@@ -189,6 +189,7 @@ static cn_status answer_saved(const cn_desk *k, const cn_question *q)
     const cn_ask *ask = &q->ask;
     const char *type = ask->kind == CN_ASK_SAVE ? "saved" : ask->kind == CN_ASK_LIST ? "list" : "loaded";
     json_t *answer = NULL;
+    if (ask->kind == CN_ASK_SAVE && ask->fresh) CN_TRY(cn_saved_check_fresh(k->city, ask->is_appearance, ask->name));
     if (ask->kind == CN_ASK_SAVE)
         CN_TRY(cn_saved_write(k->city, &k->dataset->frame, ask->is_appearance, ask->name, ask->data));
     if (ask->kind == CN_ASK_LOAD) {

@@ -172,6 +172,7 @@ static cn_status take_saved(const json_t *root, cn_ask *ask)
     if (ask->kind != CN_ASK_SAVE) return CN_OK;
     if (!json_is_object(data)) return cn_fail(CN_ERR_USAGE, "message: 'data' is not an object");
     ask->data = json_incref(data);
+    ask->fresh = json_is_true(json_object_get(root, "fresh"));
     return CN_OK;
 }
 

@@ -60,7 +60,8 @@ typedef struct cn_ask {
     bool straight;      /* CN_ASK_PHOTO: without the distortion of its lens */
     uint32_t frame;     /* CN_ASK_FILM_SHOW: this one of its pictures, from 1; 0: the film */
     bool is_appearance; /* CN_ASK_SAVE, CN_ASK_LIST, CN_ASK_LOAD: a light, else a path */
-    json_t *data;       /* CN_ASK_SAVE */
+    json_t *data;       /* CN_ASK_SAVE, */
+    bool fresh;         /* which replaces nothing */
     uint8_t *bytes;     /* CN_ASK_FIT: the photo's file */
     size_t n_bytes;
 } cn_ask;

@@ -40,6 +40,25 @@ static cn_status check_path(const char *path, const cn_frame *frame, const json_
     return status;
 }
 
+cn_status cn_saved_check_fresh(const cn_city *city, bool is_appearance, const char *name)
+{
+    const char *kind = is_appearance ? "light" : "path";
+    char *path = cn_saved_path(city, is_appearance, name), *relative = cn_format("renders/%s", name);
+    char *film = relative ? cn_city_path(city, relative) : NULL;
+    cn_status status = path && film ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK && cn_file_exists(path))
+        status = cn_fail(CN_ERR_USAGE, "a %s is named '%s' already: save it again to replace that one", kind, name);
+    else if (status == CN_OK && !is_appearance && cn_file_exists(film))
+        status = cn_fail(CN_ERR_USAGE,
+                         "a film is in renders/%s already: save it again if that film may be replaced, or choose "
+                         "another name",
+                         name);
+    free(film);
+    free(relative);
+    free(path);
+    return status;
+}
+
 cn_status cn_saved_write(const cn_city *city, const cn_frame *frame, bool is_appearance, const char *name,
                          const json_t *data)
 {

@@ -129,8 +129,9 @@ static int on_http(const cn_server *s, struct lws *wsi, connection *c, const cha
     if (!status) return begin_page(s, wsi, c, host);
     const char *why = status == HTTP_STATUS_UNAUTHORIZED
                           ? "Open the address that conurb view printed: it holds a token."
-                      : status == HTTP_STATUS_FORBIDDEN ? "This server is not known by that name."
-                                                        : NULL;
+                      : status == HTTP_STATUS_FORBIDDEN
+                          ? "This server is not known by that name. Open the address that conurb view printed."
+                          : NULL;
     c->page = NULL;
     if (lws_return_http_status(wsi, status, why)) return -1;
     return lws_http_transaction_completed(wsi) ? -1 : 0;

@@ -174,7 +174,16 @@ def saving():
     except RuntimeError as error:
         check("nonsense" in str(error), f"a bad path: {error}")
     check(os.listdir(f"{city}/views/paths") == ["round.json"], "nothing else is left")
-    page.ask("save", what="light", name="dusk", data={"appearance": "mean"})
+    os.makedirs(f"{city}/renders/flight")
+    for name, text in (("round", "a path is named 'round'"), ("flight", "renders/flight")):
+        try:
+            page.ask("save", what="path", name=name, data=path, fresh=True)
+            check(False, f"{name} is in use")
+        except RuntimeError as error:
+            check(text in str(error), f"a name in use: {error}")
+    os.rmdir(f"{city}/renders/flight")
+    check(os.listdir(f"{city}/views/paths") == ["round.json"], "nothing is saved under a name in use")
+    page.ask("save", what="light", name="dusk", data={"appearance": "mean"}, fresh=True)
     check(page.ask("list", what="light")[0]["names"] == ["dusk"], "a saved light is listed")
     page.close()
 

@@ -1,5 +1,6 @@
 // The camera, and how mouse, touch and keys move it.
 import { RAD, add, anglesOf, clamp, mix, norm, rayOf, rotationOf, scale, sub, unit } from "./geometry.js";
+import { calm } from "./ui.js";
 
 const WIDEST_DEG = 170; // that the server draws
 const EYE_M = 1.7, TURN_DEG = 140 /* by a drag across the picture */, FLIGHT_MS = 700, KEY_TURN_DEG = 45 /* a second */;
@@ -36,12 +37,13 @@ export class Camera extends EventTarget {
     this.set({ centre: [...centre], ...anglesOf(rotation), vfov: vfov_deg });
   }
 
-  // A short flight to another state, by the shorter rotation.
+  // A short flight to another state, by the shorter rotation; at once for who wants less motion.
   flyTo(state) {
     const from = this.state(), begin = performance.now();
     const turn = ((state.heading - from.heading + 540) % 360) - 180;
     this.target = null;
     cancelAnimationFrame(this.flight);
+    if (calm()) return this.set(state);
     const step = (now) => {
       const t = clamp((now - begin) / FLIGHT_MS, 0, 1), e = t * t * (3 - 2 * t);
       if (t === 1) return this.set(state);

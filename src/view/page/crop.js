@@ -34,13 +34,22 @@ export function cropControls(app, city) {
     });
     return row(`${AXES[axis]} ${upper ? "to" : "from"}`, node, (v) => `${(+v).toFixed(1)} ${city.frame.unit}`);
   }
+  function showSliders() {
+    sliders.replaceChildren(...[0, 1, 2].flatMap((axis) => [slider(axis, false), slider(axis, true)]));
+  }
+  app.setCrop = (given) => {
+    if (!given && !box) return;
+    box = given;
+    if (box) showSliders();
+    apply();
+  };
   // At first the box is about what is in the middle of the picture.
   function begin() {
     const { camera } = app, depth = camera.depthAt(0, 0) || camera.reach;
     const middle = add(camera.centre, scale(rayOf(camera, camera.aspect, 0, 0), depth));
     box = [-1, 1].flatMap((side) => middle.map((x) => x + side * depth / 3));
     for (let i = 0; i < 6; i++) box[i] = Math.min(Math.max(box[i], low[i % 3]), high[i % 3]);
-    sliders.replaceChildren(...[0, 1, 2].flatMap((axis) => [slider(axis, false), slider(axis, true)]));
+    showSliders();
     apply();
   }
   return [element("h2", {}, "Crop"), element("div", { className: "row" },

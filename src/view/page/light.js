@@ -1,9 +1,12 @@
 // Lights: of a photo, mixed, along the time of capture, compared side by side, and saved by name.
 import { dropControls } from "./drop.js";
+import { saver } from "./link.js";
 import { timeControls } from "./times.js";
 import { byId, element, row, say, select } from "./ui.js";
 
 export const shortName = (name) => name.split("/").pop().replace(/\.[a-z0-9]+$/i, "");
+
+const CARDS = 300; // at most
 
 export function setUpLight(app) {
   const { link, picture } = app, panel = byId("light"), divider = byId("divider"), names = byId("divider-names");
@@ -113,6 +116,7 @@ export function setUpLight(app) {
     apply();
   }
   app.setLight = (light) => setLight(light, "", 0, []);
+  app.setLights = (light) => setLight(light.a, light.b, light.t, light.more);
 
   // A light that was fitted to a photo just now; `show`: by this page.
   function addLight(light, show) {
@@ -132,14 +136,17 @@ export function setUpLight(app) {
       onclick: () => link.ask("load", { what: "light", name }).then(({ head: { data } }) => {
         picture.setLook({ exposure_ev: data.exposure_ev ?? 0, display_view: data.display_view ?? "", look: data.look ?? "" });
         setLight(data.a || "mean", data.b, data.t ?? 0, data.more ?? []);
+        field.value = name;
+        files.loaded(name);
       }, (e) => say(e.message, true)),
     }, name)));
     if (!head.names.length) saved.textContent = "None yet.";
   }
 
+  const files = saver(link, "light");
   function save() {
     const { exposure_ev, display_view, look } = picture.look, name = field.value.trim();
-    link.ask("save", { what: "light", name, data: { appearance: mixed(), a, b, t, more, exposure_ev, display_view, look } })
+    files.save(name, { appearance: mixed(), a, b, t, more, exposure_ev, display_view, look })
       .then(() => (say(`Saved as ${name}.`), list()), (e) => say(e.message, true));
   }
   const field = element("input", { type: "text", placeholder: "name", maxLength: 64 });
@@ -150,14 +157,14 @@ export function setUpLight(app) {
     a = "mean";
     b = lights[Math.min(1, lights.length - 1)];
     selects = [select(options(), a, (value) => (a = value, apply())), select(options(), b, (value) => (b = value, apply()))];
-    grid.replaceChildren(...lights.slice(0, 300).map(card));
+    grid.replaceChildren(...lights.slice(0, CARDS).map(card));
     panel.replaceChildren(
       element("h2", {}, "Mix"), row("From", selects[0]), row("To", selects[1]), row("Between", slider, (v) => `${Math.round(v * 100)} %`),
       others, element("button", { id: "mix-another", onclick: mixAnother }, "Mix in another light"),
       element("div", { className: "row" },
         element("button", { id: "compare-lights", onclick: () => app.compare({ ...picture.look, appearance: b }, text(a), text(b)) }, "Side by side"),
         element("button", { onclick: () => app.compare(null) }, "One picture")),
-      element("h2", {}, "Every light, in this view"), grid, element("button", { onclick: redraw }, "Draw them again"),
+      element("h2", {}, lights.length > CARDS ? `The first ${CARDS} of ${lights.length} lights, in this view` : "Every light, in this view"), grid, element("button", { onclick: redraw }, "Draw them again"),
       ...timeControls(city, setLight), ...dropControls(app, city, addLight),
       element("h2", {}, "Saved"), saved,
       element("div", { className: "row" }, field, element("button", { id: "save-light", onclick: save }, "Save this light")));

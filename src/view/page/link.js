@@ -30,6 +30,28 @@ export function queueOf(most) {
   });
 }
 
+// Saves by name. What the page has neither loaded nor saved before is replaced only when it is asked for again.
+export function saver(link, what) {
+  let own = "";
+  return {
+    loaded: (name) => (own = name),
+    save: (name, data) => {
+      const fresh = name !== own;
+      own = name;
+      return link.ask("save", { what, name, data, fresh });
+    },
+  };
+}
+
+const REFUSED = 1008; // the code of a close by the server's rules
+// Why a server that can be reached did not take the connection; "": it cannot be reached.
+async function refusal() {
+  const status = await fetch("icon.svg", { method: "HEAD", signal: AbortSignal.timeout(5000) }).then((answer) => answer.status, () => 0);
+  if (status === 401) return "The server was started again, with a new token. Open the address that it printed.";
+  return status !== 200 ? "" : "The server does not take this page's connection; trying again. A proxy between them has to pass on " +
+    "WebSockets, with the headers Host and Origin of the browser.";
+}
+
 export class Link extends EventTarget {
   constructor() {
     super();
@@ -39,14 +61,17 @@ export class Link extends EventTarget {
   }
 
   open() {
-    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`, "conurb");
+    const url = new URL("socket", location.href); // beside the page: a proxy may serve it below a path
+    url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(url, "conurb");
+    let opened = false;
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => this.say("open");
+    socket.onopen = () => (opened = true, this.say("open"));
     socket.onmessage = (event) => this.take(event.data);
-    socket.onclose = () => {
+    socket.onclose = async ({ code, reason }) => {
       for (const { no } of this.waiting.values()) no(new Error("the connection to the server was lost"));
       this.waiting.clear();
-      this.say("closed");
+      this.say("closed", code === REFUSED ? `The server says: ${reason}; trying again.` : opened ? "" : await refusal());
       setTimeout(() => this.open(), 1000);
     };
     this.socket = socket;

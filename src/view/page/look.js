@@ -3,7 +3,7 @@ import { add, placeIn } from "./geometry.js";
 import { cropControls } from "./crop.js";
 import { byId, check, element, row, select } from "./ui.js";
 
-const CHANNELS = [["colour", "Colour"], ["depth", "Depth"], ["normal", "Surface direction"], ["opacity", "Opacity"],
+export const CHANNELS = [["colour", "Colour"], ["depth", "Depth"], ["normal", "Surface direction"], ["opacity", "Opacity"],
   ["tiles", "Tile that drew it"], ["coverage", "Photos that see it"], ["occlusion", "Ambient occlusion"]];
 
 export function frustum(view, size) {

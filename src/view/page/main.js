@@ -1,4 +1,5 @@
 // Puts the page together.
+import { addressOf, cameraIn, settingsIn } from "./address.js";
 import { Camera } from "./camera.js";
 import { add, anglesOf, norm, placeIn, placeText, rayOf, rotationOf, scale, sub, uprightPose } from "./geometry.js";
 import { Link } from "./link.js";
@@ -17,19 +18,24 @@ import { setUpTraining } from "./training.js";
 const canvas = byId("view");
 const app = { city: null };
 
-// The address has the view, so that it can be kept and passed on, and a reload comes back to it.
-function stateIn(hash) {
-  const n = hash.slice(1).split(",").map(Number);
-  if (n.length !== 7 || !n.every(Number.isFinite) || n[6] < 1 || n[6] > 170) return null;
-  return { centre: n.slice(0, 3), heading: n[3], pitch: n[4], roll: n[5], vfov: n[6] };
-}
+const NO_LIGHT = { a: "mean", b: "", t: 0, more: [] };
+const FIRST_MS = 1000; // without a picture, until a page that begins says what it waits for
+
 function linkView() {
-  const { centre, heading, pitch, roll, vfov } = app.camera;
-  history.replaceState(null, "", `#${[...centre, heading, pitch, roll, vfov].map((x) => +x.toFixed(3)).join(",")}`);
+  history.replaceState(null, "", addressOf(app.camera, app.picture.look, app.light ?? NO_LIGHT));
+}
+
+// Sets the light and the other settings of an address.
+function takeSettings(hash) {
+  const { look, crop, light, unknown } = settingsIn(hash, app.city);
+  app.picture.setLook(look);
+  app.setCrop(crop);
+  app.setLights(light);
+  if (unknown.length) say(`The address asks for ${unknown.join(", ")}, which this city does not have.`, true);
 }
 
 function begin(city) {
-  const first = !app.city, linked = stateIn(location.hash);
+  const first = !app.city, hash = location.hash, linked = cameraIn(hash);
   app.city = city;
   document.title = `${city.name} – Conurb`;
   byId("city-name").textContent = city.name;
@@ -49,6 +55,8 @@ function begin(city) {
   }
   performance.mark("conurb drawing");
   for (const panel of app.panels) panel.begin?.(city);
+  if (hash.includes("&")) takeSettings(hash);
+  setTimeout(() => app.shown || sayBlack("The server renders the first picture."), FIRST_MS);
 }
 
 function readout() {
@@ -114,8 +122,15 @@ function start() {
   camera.depthAt = (x, y) => stage.depthAt(camera, camera.aspect, x, y);
   camera.addEventListener("step", () => stand());
   camera.addEventListener("home", () => app.city?.views.length && camera.flyToPose(uprightPose(app.city.views[0])));
-  link.addEventListener("open", () => link.ask("city").then(({ head }) => begin(head)).catch((e) => say(e.message, true)));
-  link.addEventListener("closed", () => say("The connection to the server was lost; trying again.", true));
+  link.addEventListener("open", () => link.ask("city").then(({ head }) => {
+    if (app.lost) say("");
+    app.lost = false;
+    begin(head);
+  }).catch((e) => app.lost || say(e.message, true)));
+  link.addEventListener("closed", ({ detail }) => {
+    app.lost = true;
+    say(detail || "The connection to the server was lost; trying again.", true, true);
+  });
   picture.addEventListener("failed", (e) => say(e.detail, true));
   picture.addEventListener("shown", ({ detail: { head, asked, took } }) => {
     const rate = picture.rate();
@@ -136,8 +151,10 @@ function start() {
   });
   // As when an address is pasted that has a view; the page's own changes of it are not told here.
   addEventListener("hashchange", () => {
-    const linked = stateIn(location.hash);
-    if (linked && app.city) camera.flyTo(linked);
+    const linked = cameraIn(location.hash);
+    if (!linked || !app.city) return;
+    takeSettings(location.hash);
+    camera.flyTo(linked);
   });
   canvas.addEventListener("pointermove", (e) => (app.cursor = camera.inPicture(e), under()));
   canvas.addEventListener("pointerleave", () => (app.cursor = null, under()));

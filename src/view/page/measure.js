@@ -30,7 +30,7 @@ export function setUpMeasure(app) {
     const d = sub(places[1], places[0]), unitName = app.city.frame.unit;
     app.measured = { distance: norm(d), across: Math.hypot(d[0], d[1]), up: d[2] };
     byId("message").textContent = "";
-    say(`${norm(d).toFixed(2)} ${unitName} (${Math.hypot(d[0], d[1]).toFixed(2)} across, ${d[2].toFixed(2)} up)`);
+    say(`${norm(d).toFixed(2)} ${unitName} (${Math.hypot(d[0], d[1]).toFixed(2)} across, ${d[2].toFixed(2)} up)`, false, true);
   }
   camera.addEventListener("click", (e) => on && take(e.detail).catch((error) => say(error.message, true)));
   button.addEventListener("click", () => {

@@ -1,9 +1,10 @@
 // A camera path: keyframes on a time line. It is played here, saved for `conurb render --path`, and rendered.
 import { anglesOf, clamp, mix, norm, rotationOf, scale, add, sub, turnBetween } from "./geometry.js";
 import { follow } from "./job.js";
+import { saver } from "./link.js";
 import { coloured, frustum } from "./look.js";
 import { makeTrack } from "./track.js";
-import { byId, check, element, row, say, select } from "./ui.js";
+import { byId, calm, check, element, row, say, select } from "./ui.js";
 
 const STEP_S = 3; // between keyframes when they are set
 const PIECES = 16; // of the line that is drawn from one keyframe to the next
@@ -128,13 +129,15 @@ export function setUpPath(app) {
   }
   const button = element("button", { id: "play", onclick: play }, "Play");
 
-  const save = () => link.ask("save", { what: "path", name: name.value.trim(), data: toFile(keys, +fps.value) }).then(refresh);
+  const saved = saver(link, "path");
+  const save = () => saved.save(name.value.trim(), toFile(keys, +fps.value)).then(refresh);
   async function refresh() {
     const { head } = await link.ask("list", { what: "path" });
     load.replaceChildren(...head.names.map((one) => element("button", {
       onclick: () => link.ask("load", { what: "path", name: one }).then(({ head: { data } }) => {
         keys = fromFile(data);
         name.value = one;
+        saved.loaded(one);
         if ([...fps.options].some((o) => +o.value === data.fps)) fps.value = data.fps;
         draw();
       }).catch((e) => say(e.message, true)),
@@ -164,7 +167,7 @@ export function setUpPath(app) {
     const { tail } = await link.ask("film_show", { name: one });
     const url = URL.createObjectURL(new Blob([tail], { type: "video/mp4" }));
     if (screen.firstChild) URL.revokeObjectURL(screen.firstChild.src);
-    screen.replaceChildren(element("video", { src: url, controls: true, muted: true, loop: true, autoplay: true, "aria-label": `The film of ${one}` }));
+    screen.replaceChildren(element("video", { src: url, controls: true, muted: true, loop: true, autoplay: !calm(), "aria-label": `The film of ${one}` }));
   }
 
   function begin() {

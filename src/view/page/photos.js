@@ -21,9 +21,12 @@ function differ(photo, render) {
   return { image: pixels[0], psnr: 10 * Math.log10(255 * 255 / (sum / (3 * w * h) || 1e-9)) };
 }
 
+const CARDS = 1000; // at most
+
 export function setUpPhotos(app) {
   const { camera, link, picture, stage } = app, panel = byId("photos");
   const shown = element("div"), list = element("div", { className: "grid" });
+  const rest = element("p", { className: "soft", id: "photos-rest", hidden: true });
   let city = null, seen = null, chosen = null;
 
   const small = queueOf(8); // the server refuses a page that has more than 32 questions open
@@ -112,9 +115,12 @@ export function setUpPhotos(app) {
   }
 
   function fill(held) {
+    const views = city.views.filter((view) => !held || view.held_out);
     seen?.disconnect();
     seen = new IntersectionObserver(draw, { root: panel });
-    list.replaceChildren(...city.views.filter((view) => !held || view.held_out).slice(0, 1000).map(card));
+    list.replaceChildren(...views.slice(0, CARDS).map(card));
+    rest.hidden = views.length <= CARDS;
+    rest.textContent = `The first ${CARDS} of ${views.length} are shown. "Fly to" has all of them.`;
     if (!panel.hidden) for (const node of list.children) seen.observe(node);
   }
 
@@ -124,8 +130,10 @@ export function setUpPhotos(app) {
     panel.replaceChildren(
       shown, element("h2", {}, `${city.n_views} photos`),
       ...(city.n_views ? [] : [element("p", { className: "soft" }, "This city has no posed photos.")]),
+      ...(city.views.length < city.n_views
+        ? [element("p", { className: "soft" }, `The page knows ${city.views.length} of them, evenly chosen.`)] : []),
       ...(city.pixels ? [] : [element("p", { className: "soft" }, "The photos themselves were not kept; these are renders of their views.")]),
-      row("Fly to", jump), check("Held out only", false, fill), list);
+      row("Fly to", jump), check("Held out only", false, fill), list, rest);
     fill(false);
   }
   return { id: "photos", begin, open: () => fill(panel.querySelector("input[type=checkbox]")?.checked) };

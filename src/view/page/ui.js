@@ -1,5 +1,7 @@
 // Small helpers for elements, and the tabs.
 
+export const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
+
 export const byId = (id) => document.getElementById(id);
 
 export const duration = (s) => (s < 90 ? `${Math.round(s)} s` : s < 5400 ? `${Math.round(s / 60)} min` : `${(s / 3600).toFixed(1)} h`);
@@ -48,13 +50,14 @@ export function check(text, checked, onchange) {
   return element("label", { className: "row" }, box, text);
 }
 
+// A text stays for some seconds, or until there is another one.
 let timer;
-export function say(text, bad = false) {
+export function say(text, bad = false, stays = false) {
   const node = byId("message");
   node.textContent = text;
   node.classList.toggle("bad", bad);
   clearTimeout(timer);
-  timer = setTimeout(() => (node.textContent = ""), bad ? 9000 : 4000);
+  if (!stays) timer = setTimeout(() => (node.textContent = ""), bad ? 9000 : 4000);
 }
 
 // Arrow keys move through a group of buttons, as its ARIA role requires.
