@@ -121,3 +121,16 @@ int64_t cn_photo_finder_match(const cn_photo_finder *f, const char *path)
     }
     return found;
 }
+
+const char *cn_photo_finder_ending(const cn_photo_finder *f, const char *path, uint32_t n)
+{
+    const char *base = cn_path_base(path);
+    const size_t length = strlen(base);
+    for (uint32_t i = lower_bound(f->bare, f->n, base); i < f->n; i++) {
+        const char *name = f->bare[i].name;
+        if (strncmp(name, base, length) != 0) return NULL;
+        if (name[length] != '.' || strchr(name + length + 1, '.')) continue;
+        if (n-- == 0) return name + length + 1;
+    }
+    return NULL;
+}

@@ -24,4 +24,7 @@ int64_t cn_photo_finder_find(const cn_photo_finder *finder, const char *name);
  * folders, as cam1/2.jpg and cam0/2.jpg. Where all photos lie in one folder, its name does not count: it may have been
  * renamed. */
 int64_t cn_photo_finder_match(const cn_photo_finder *finder, const char *path);
+/* The ending of the n-th photo, in any folder, whose file name is that of the path, a dot and an ending; NULL: there
+ * are not so many. */
+const char *cn_photo_finder_ending(const cn_photo_finder *finder, const char *path, uint32_t n);
 #endif

@@ -149,6 +149,6 @@ cn_status cn_import_file(const cn_context *ctx, const char *path, const cn_photo
     const cn_status status = read_with(&to, &kind);
     *n_models = to.n_models;
     *origin = to.origin;
-    origin->arbitrary_axes = kind.arbitrary_axes;
+    origin->arbitrary_axes = origin->arbitrary_axes || kind.arbitrary_axes;
     return status;
 }

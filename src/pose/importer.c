@@ -34,18 +34,26 @@ static int64_t find_exact(const cn_importer *to, const char *file)
     return found < 0 ? cn_photo_finder_match(&to->finder, file) : found;
 }
 
+static int64_t find_with(const cn_importer *to, const char *name, const char *ending)
+{
+    char *named = cn_format("%s.%s", name, ending);
+    const int64_t photo = named ? find_exact(to, named) : -1;
+    free(named);
+    return photo;
+}
+
 void cn_importer_find(cn_importer *to, const char *file, int64_t *photo)
 {
-    static const char *const EXTENSIONS[] = { "png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "tif", "tiff", "exr" };
-    const char *name = file;
+    /* Where several photos differ in their endings alone, these go first. */
+    static const char *const FIRST[] = { "png", "jpg", "jpeg", "PNG", "JPG", "JPEG" };
+    const char *name = file, *ending;
     while (strncmp(name, "./", 2) == 0)
         name += 2;
     *photo = find_exact(to, name);
-    for (size_t i = 0; i < sizeof EXTENSIONS / sizeof *EXTENSIONS && *photo < 0; i++) {
-        char *named = cn_format("%s.%s", name, EXTENSIONS[i]);
-        if (named) *photo = find_exact(to, named);
-        free(named);
-    }
+    for (size_t i = 0; i < sizeof FIRST / sizeof *FIRST && *photo < 0; i++)
+        *photo = find_with(to, name, FIRST[i]);
+    for (uint32_t i = 0; *photo < 0 && (ending = cn_photo_finder_ending(&to->finder, name, i)); i++)
+        *photo = find_with(to, name, ending);
     to->n_frames++;
     if (*photo < 0 && to->n_missing++ < NAMED_AT_MOST)
         cn_log(to->ctx, CN_LOG_WARN, "%s: photo %s is not in the collection; left out", to->path, file);

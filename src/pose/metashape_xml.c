@@ -22,7 +22,7 @@ typedef struct reader {
     char names[DEEPEST][24];
     char text[MOST_TEXT];
     size_t length;
-    bool too_long;
+    bool too_long, passed_over; /* passed_over: the calibration that is open does not count */
 } reader;
 
 static void refuse(reader *r, const char *what)
@@ -119,6 +119,23 @@ static void begin_part(reader *r, long component)
     more[out->n_parts++] = (cn_metashape_part){ r->chunk, component, { 1, 0, 0, 0, 1, 0, 0, 0, 1 }, { 0 }, 1.0 };
 }
 
+/* A camera that was calibrated before, or whose photos hold a calibration, has two: class "initial", and "adjusted",
+ * which is the one of the poses. A term that a calibration leaves out is 0. */
+static void begin_calibration(reader *r, const XML_Char **attributes)
+{
+    if (!r->out->n_sensors) return;
+    const char *class = attribute(attributes, "class");
+    cn_metashape_sensor *s = &r->out->sensors[r->out->n_sensors - 1];
+    r->passed_over = s->adjusted;
+    if (r->passed_over) return;
+    s->adjusted = class && strcmp(class, "adjusted") == 0;
+    s->f = 0.0;
+    memset(s->c, 0, sizeof s->c);
+    memset(s->k, 0, sizeof s->k);
+    memset(s->p, 0, sizeof s->p);
+    memset(s->b, 0, sizeof s->b);
+}
+
 /* The size of a sensor; that of its calibration, which comes later, is the one that counts. */
 static void take_size(reader *r, const XML_Char **attributes)
 {
@@ -145,7 +162,10 @@ static void XMLCALL on_begin(void *user, const XML_Char *name, const XML_Char **
     /* A component without a transform is in the coordinates of its chunk. */
     if (strcmp(name, "transform") == 0 && is_in(r, "component", 1)) begin_part(r, r->component);
     if (strcmp(name, "transform") == 0 && is_in(r, "chunk", 1)) begin_part(r, -1);
-    if (strcmp(name, "resolution") == 0 && (is_in(r, "sensor", 1) || is_in(r, "sensor", 2))) take_size(r, attributes);
+    const bool calibrates = is_in(r, "sensor", 2) && is_in(r, "calibration", 1);
+    if (strcmp(name, "calibration") == 0 && is_in(r, "sensor", 1)) begin_calibration(r, attributes);
+    if (strcmp(name, "resolution") == 0 && (is_in(r, "sensor", 1) || (calibrates && !r->passed_over)))
+        take_size(r, attributes);
 }
 
 /* ---- its text ---- */
@@ -197,7 +217,7 @@ static void take_part(reader *r, const char *name)
 static void XMLCALL on_end(void *user, const XML_Char *name)
 {
     reader *r = user;
-    if (is_in(r, "calibration", 1)) take_calibration(r, name);
+    if (is_in(r, "calibration", 1) && is_in(r, "sensor", 2) && !r->passed_over) take_calibration(r, name);
     if (is_in(r, "transform", 1)) take_part(r, name);
     if (strcmp(name, "transform") == 0 && is_in(r, "camera", 1) && r->out->n_shots) {
         cn_metashape_shot *shot = &r->out->shots[r->out->n_shots - 1];

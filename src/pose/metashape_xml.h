@@ -14,6 +14,7 @@ typedef struct cn_metashape_sensor {
     long id;
     cn_metashape_lens lens;
     char type[32];
+    bool adjusted; /* its calibration is what Metashape found, not what it began with */
     double width, height, f, c[2], k[4], p[2], b[2]; /* 0 where the file has none */
 } cn_metashape_sensor;
 typedef struct cn_metashape_shot {

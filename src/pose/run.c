@@ -134,8 +134,12 @@ static cn_status make_report(cn_scene *scene, const cn_photo_index *index, uint3
 static void log_report(const cn_context *ctx, const cn_pose_report *report, const cn_scene *scene,
                        const cn_frame *frame, bool has_exif_focal)
 {
-    cn_log(ctx, CN_LOG_INFO, "%u photos posed, %u not; %u sparse points, mean error %.2f px", report->n_registered,
-           report->n_unregistered, scene->n_points, report->mean_error_px);
+    if (scene->n_points)
+        cn_log(ctx, CN_LOG_INFO, "%u photos posed, %u not; %u sparse points, mean error %.2f px", report->n_registered,
+               report->n_unregistered, scene->n_points, report->mean_error_px);
+    else
+        cn_log(ctx, CN_LOG_INFO, "%u photos posed, %u not; the poses came without sparse points", report->n_registered,
+               report->n_unregistered);
     for (uint32_t i = 0; i < report->n_unregistered && i < NAMED_AT_MOST; i++)
         cn_log(ctx, CN_LOG_WARN, "no pose found for photo %s", report->unregistered[i]);
     if (report->n_models > 1)

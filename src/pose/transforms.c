@@ -187,12 +187,22 @@ static cn_status read_frame(const source *from, const json_t *frame)
     return cn_importer_add(from->to, photo, &camera, &view);
 }
 
+/* Nerfstudio takes COLMAP's poses, whose axes mean nothing, and exchanges these axes. It marks their frames by
+ * colmap_im_id; where that is missing, z is COLMAP's -y or -z. */
+static bool is_of_colmap(const json_t *root, const json_t *frames)
+{
+    const json_t *z = json_array_get(json_object_get(root, "applied_transform"), 2);
+    if (json_object_get(json_array_get(frames, 0), "colmap_im_id")) return true;
+    return json_number_value(json_array_get(z, 1)) < -0.5 || json_number_value(json_array_get(z, 2)) < -0.5;
+}
+
 static cn_status read_frames(const source *from)
 {
     const json_t *frames;
     CN_TRY(cn_json_array(from->root, from->path, "frames", &frames));
     const size_t n = json_array_size(frames);
     CN_TRY(cn_importer_room(from->to, n));
+    from->to->origin.arbitrary_axes = is_of_colmap(from->root, frames);
     for (size_t i = 0; i < n; i++)
         CN_TRY(read_frame(from, json_array_get(frames, i)));
     return CN_OK;

@@ -107,6 +107,29 @@ static void test_import(void **state)
     cn_scene_deinit(&scene);
 }
 
+/* Metashape's labels have no endings. Photos that differ in them alone: JPEG and PNG go before others. */
+static void test_endings(void **state)
+{
+    (void)state;
+    cn_photo five[5] = {
+        { .name = "b.HEIC" }, { .name = "b2.webp" }, { .name = "c.TIF" }, { .name = "c.jpg" }, { .name = "c.jpg.tif" }
+    };
+    for (int i = 0; i < 5; i++)
+        five[i].width = 640, five[i].height = 480, five[i].orientation = 1;
+    const cn_photo_index index = photo_index;
+    cn_scene scene;
+    photo_index.photos = five;
+    photo_index.n_photos = 5;
+    read_frames("{\"fl_x\":500,\"frames\":[" FRAME("b") "," FRAME("b2") "," FRAME("old/c") "," FRAME("c.") "]}",
+                &scene);
+    photo_index = index;
+    assert_int_equal(scene.n_views, 3);
+    assert_string_equal(scene.views[0].name, "b.HEIC");
+    assert_string_equal(scene.views[1].name, "b2.webp");
+    assert_string_equal(scene.views[2].name, "c.jpg");
+    cn_scene_deinit(&scene);
+}
+
 /* All photos were put into one folder for another tool. */
 static void test_flattened_import(void **state)
 {
@@ -142,7 +165,7 @@ static void test_control(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = { TEST(test_match), TEST(test_one_folder), TEST(test_import),
-                                        TEST(test_flattened_import), TEST(test_control) };
+    const struct CMUnitTest tests[] = { TEST(test_match),   TEST(test_one_folder),       TEST(test_import),
+                                        TEST(test_endings), TEST(test_flattened_import), TEST(test_control) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

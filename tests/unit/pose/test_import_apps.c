@@ -151,6 +151,31 @@ static void test_metashape(void **state)
     }
 }
 
+/* A camera that was calibrated before has two calibrations. The adjusted one holds; the other one adds nothing to it.
+ */
+static void test_metashape_two_calibrations(void **state)
+{
+    (void)state;
+    static const char INITIAL[] = "<calibration type=\"frame\" class=\"initial\"><resolution width=\"320\" "
+                                  "height=\"240\"/><f>400</f><cx>9</cx><k3>0.3</k3><b2>90</b2></calibration>";
+    static const double NONE[3] = { 0 };
+    camera.params[0] = 517;
+    for (int k = 0; k < 2; k++) {
+        cn_scene scene;
+        cn_import_origin origin;
+        uint32_t n_models;
+        begin("cameras.xml");
+        metashape(1, SAME, NONE, true);
+        const char *at = k ? "</calibration></sensor>" : "<calibration type=\"frame\" class=\"adjusted\">";
+        char *both = k ? cn_format("</calibration>%s</sensor>", INITIAL) : cn_format("%s%s", INITIAL, at);
+        assert_non_null(both);
+        assert_int_equal(import(changed(at, both), &scene, &n_models, &origin), CN_OK);
+        same_lens(&scene);
+        free(both);
+        cn_scene_deinit(&scene);
+    }
+}
+
 /* A chunk in geocentric metres: 47.5 degrees north, 8.25 degrees east, 400 m above the ellipsoid. */
 static void test_metashape_on_earth(void **state)
 {
@@ -273,6 +298,35 @@ static void test_reality_capture_faults(void **state)
     refused("#name,x,y,alt,heading,pitch,roll,f\n0.jpg,8.2501,47.4999,0,0,0,0,30\n", CN_ERR_FORMAT, "are degrees");
 }
 
+/* ---- Nerfstudio ---- */
+
+/* Whether up may be anywhere in a file of Nerfstudio with these keys. */
+static bool is_arbitrary(const char *of_file, const char *of_frame)
+{
+    cn_scene scene;
+    cn_import_origin origin;
+    uint32_t n_models;
+    begin("transforms.json");
+    say("{\"fl_x\": 500, %s\"frames\": [{%s\"file_path\": \"0.jpg\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, "
+        "0], "
+        "[0, 0, 1, 0]]}]}",
+        of_file, of_frame);
+    assert_int_equal(import(said, &scene, &n_models, &origin), CN_OK);
+    cn_scene_deinit(&scene);
+    return origin.arbitrary_axes;
+}
+
+static void test_nerfstudio_axes(void **state)
+{
+    (void)state;
+    assert_true(is_arbitrary("", "\"colmap_im_id\": 1, "));
+    assert_true(is_arbitrary("\"applied_transform\": [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], ", ""));
+    assert_true(is_arbitrary("\"applied_transform\": [[0, 1, 0, 0], [1, 0, 0, 0], [-0.0, -0.0, -1.0, -0.0]], ", ""));
+    assert_false(is_arbitrary("", ""));
+    /* Of Metashape, which knows which way is down. */
+    assert_false(is_arbitrary("\"applied_transform\": [[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]], ", ""));
+}
+
 /* ---- Polycam and Record3D: y is up in their files, and z here ---- */
 
 static const double ARKIT[9] = { 0, 0, 1, 1, 0, 0, 0, 1, 0 }, AT_ORIGIN[3] = { 0 };
@@ -374,8 +428,14 @@ static void test_record3d(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        TEST(test_metashape),       TEST(test_metashape_on_earth),     TEST(test_metashape_faults),
-        TEST(test_reality_capture), TEST(test_reality_capture_faults), TEST(test_polycam),
+        TEST(test_metashape),
+        TEST(test_metashape_two_calibrations),
+        TEST(test_nerfstudio_axes),
+        TEST(test_metashape_on_earth),
+        TEST(test_metashape_faults),
+        TEST(test_reality_capture),
+        TEST(test_reality_capture_faults),
+        TEST(test_polycam),
         TEST(test_record3d),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
