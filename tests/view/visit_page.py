@@ -86,8 +86,10 @@ def a_name_in_use(browser):
     other.ask("save", what="path", name="walk", data={"fps": 24, "keyframes": keys})
     other.close()
     browser.click("#tab-path")
-    browser.click("#add-key")
     browser.run("document.querySelector('#path input[type=text]').value = 'walk'")
+    browser.click("#save-path")
+    browser.wait(f"{MESSAGE} === 'Add a view to the path first.'", 20)
+    browser.click("#add-key")
 
     def saved():
         with open(f"{city}/views/paths/walk.json", encoding="utf-8") as file:
@@ -99,6 +101,18 @@ def a_name_in_use(browser):
     browser.click("#save-path")
     browser.wait(f"{MESSAGE} === 'Saved.'", 20)
     check(saved() == 1, "asked again, it is replaced")
+
+
+def undone(browser):
+    """Keyframes that were cleared or deleted come back."""
+    browser.click("#tab-path")
+    browser.click("#add-key")
+    n = browser.run("conurb.path.keys().length")
+    for button in ("Clear", "×"):
+        browser.run(f"[...document.querySelectorAll('#path button')].find((b) => b.textContent === '{button}').click()")
+        check(browser.run("conurb.path.keys().length") < n, f"{button} takes keyframes away")
+        browser.click("#undo-path")
+        check(browser.run("conurb.path.keys().length") == n, f"they come back after {button}")
 
 
 def measured(browser):
@@ -207,6 +221,22 @@ def behind_a_proxy(browser):
     check(browser.run("conurb.link.socket.url").endswith("/beach/socket"), "the page works below a path")
 
 
+def another_city(browser):
+    """A server of another city at the address of an open page: the page begins anew."""
+    other = os.path.join(work, "lake")
+    shutil.copytree(demo, other)
+    first = Server(conurb, city)
+    visit(browser, first.url)
+    first.stop()
+    second = Server(conurb, other, command=[conurb, "view", other, "--port", str(first.port)])
+    try:
+        browser.run("conurb.old = true")
+        browser.wait("globalThis.conurb && !conurb.old && conurb.city?.name === 'lake' && conurb.shown", 60)
+        check(browser.run("document.title").startswith("lake"), "the page is of the other city")
+    finally:
+        second.stop()
+
+
 def a_new_token(browser):
     """A server that is started again under an open page, and asks for another token."""
     options = ("--host", "0.0.0.0")
@@ -226,11 +256,13 @@ server = Server(conurb, city)
 page = Browser(900, 600)
 try:
     visit(page, server.url)
-    for part in (a_link, a_name_in_use, measured, windows, less_motion, many_photos, too_many_pages, behind_a_proxy):
+    for part in (a_link, a_name_in_use, undone, measured,
+                 windows, less_motion, many_photos, too_many_pages, behind_a_proxy):
         begin = time.monotonic()
         part(page)
         print(f"{part.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
     check(not page.errors, f"the page logs no errors: {page.errors}")
+    another_city(page)
     a_new_token(page)
 finally:
     page.close()

@@ -34,7 +34,23 @@ function takeSettings(hash) {
   if (unknown.length) say(`The address asks for ${unknown.join(", ")}, which this city does not have.`, true);
 }
 
+// What the panels list, and what tells one city from another.
+const digestOf = ({ tiles, views }) => JSON.stringify([tiles, views]);
+
+// A server of another city has taken the address of the last one. Only a page that begins anew shows it right; an
+// address has a view of the old city. Where the city has only a new plan, an unsaved path stays until the visitor reloads.
+function changed(city) {
+  if (city.name === app.city.name) {
+    if (digestOf(city) !== digestOf(app.city)) say("The city has a new plan or other photos now. Reload this page.", true, true);
+    return false;
+  }
+  history.replaceState(null, "", location.pathname + location.search);
+  location.reload();
+  return true;
+}
+
 function begin(city) {
+  if (app.city && changed(city)) return;
   const first = !app.city, hash = location.hash, linked = cameraIn(hash);
   app.city = city;
   document.title = `${city.name} – Conurb`;

@@ -55,10 +55,24 @@ export function setUpPath(app) {
   const length = element("input", { type: "number", min: 0.1, step: 0.5, value: 0, disabled: true });
   const width = select([["160", "160 px, a quick look"], ["320", "320 px"], ["640", "640 px"], ["1280", "1280 px"], ["1920", "1920 px"]], "640", () => {});
   const told = element("p", { role: "status" }), load = element("div", { className: "row" });
-  let keys = [], playing = 0, drawIt = true;
+  let keys = [], before = null, playing = 0, drawIt = true;
   name.setAttribute("aria-label", "Name of the path");
   app.route = () => keys.map((k) => k.state.centre);
   app.path = { keys: () => keys, stateAt };
+
+  // Before keyframes go: Undo brings them back, and a second time takes them away again.
+  const remember = () => {
+    before = keys.map((key) => ({ ...key }));
+    undo.disabled = false;
+  };
+  const undo = element("button", { id: "undo-path", disabled: true, title: "Bring back keyframes that were deleted, cleared, set or replaced",
+    onclick: () => {
+      const back = before;
+      remember();
+      keys = back;
+      saved.loaded(""); // a path that was loaded meanwhile is not replaced unasked
+      draw();
+    } }, "Undo");
 
   const go = (time) => {
     if (!keys.length) return;
@@ -101,8 +115,8 @@ export function setUpPath(app) {
       });
       return element("li", {}, element("span", { className: "grow" }, `${i + 1}`), time, "s",
         element("button", { onclick: () => camera.flyTo(key.state) }, "Go"),
-        element("button", { title: "Take the camera as it is now", onclick: () => (key.state = camera.state(), draw()) }, "Set"),
-        element("button", { title: "Delete", "aria-label": `Delete keyframe ${i + 1}`, onclick: () => (keys.splice(keys.indexOf(key), 1), draw()) }, "×"));
+        element("button", { title: "Take the camera as it is now", onclick: () => (remember(), key.state = camera.state(), draw()) }, "Set"),
+        element("button", { title: "Delete", "aria-label": `Delete keyframe ${i + 1}`, onclick: () => (remember(), keys.splice(keys.indexOf(key), 1), draw()) }, "×"));
     }));
   }
 
@@ -130,12 +144,15 @@ export function setUpPath(app) {
   const button = element("button", { id: "play", onclick: play }, "Play");
 
   const saved = saver(link, "path");
-  const save = () => saved.save(name.value.trim(), toFile(keys, +fps.value)).then(refresh);
+  const save = async () => keys.length ? saved.save(name.value.trim(), toFile(keys, +fps.value)).then(refresh)
+    : Promise.reject(new Error("Add a view to the path first."));
   async function refresh() {
     const { head } = await link.ask("list", { what: "path" });
     load.replaceChildren(...head.names.map((one) => element("button", {
       onclick: () => link.ask("load", { what: "path", name: one }).then(({ head: { data } }) => {
-        keys = fromFile(data);
+        const loaded = fromFile(data);
+        if (keys.length) remember();
+        keys = loaded;
         name.value = one;
         saved.loaded(one);
         if ([...fps.options].some((o) => +o.value === data.fps)) fps.value = data.fps;
@@ -178,7 +195,7 @@ export function setUpPath(app) {
           keys.push({ time: keys.length ? keys[keys.length - 1].time + STEP_S : 0, state: camera.state() });
           draw();
         } }, "Add this view"), button,
-        element("button", { onclick: () => ((keys = []), draw()) }, "Clear")),
+        element("button", { onclick: () => (remember(), (keys = []), draw()) }, "Clear"), undo),
       element("button", { id: "close-path", title: "Ends where it began", onclick: () => {
         if (keys.length < 2) return say("Set two keyframes first.", true);
         keys.push({ time: keys.at(-1).time + STEP_S, state: { ...keys[0].state } });
