@@ -22,10 +22,13 @@
 #include <string.h>
 #include <unistd.h>
 
+/* Linear light. Noise of an 8-bit photo of a lens cap: 2 codes. */
+#define SAME_COLOUR 0.001f
+
 /* The result for one photo. */
 typedef struct outcome {
     cn_status status;
-    bool ignored, no_depth;
+    bool ignored, one_colour, no_depth, not_finite; /* not_finite: all of its pixels */
     cn_normal_report normals;
     cn_photo_border border;
     char *message;
@@ -74,11 +77,14 @@ static void apply_border(const cn_photo_border *border, float *rgba, uint32_t w,
 
 /* Alpha becomes the weight, so that transparent pixels are not learned. Float files are premultiplied. Pixels that are
  * not finite get weight 0 here, before the conversion replaces their colours. */
-static void weigh(float *rgba, size_t n, bool multiplied)
+static void weigh(float *rgba, size_t n, bool multiplied, outcome *o)
 {
+    o->not_finite = true;
     for (size_t i = 0; i < n; i++) {
         float *p = rgba + 4 * i;
-        if (!isfinite(p[0] + p[1] + p[2] + p[3])) p[3] = 0;
+        const bool finite = isfinite(p[0] + p[1] + p[2] + p[3]);
+        if (finite) o->not_finite = false;
+        if (!finite) p[3] = 0;
         p[3] = fminf(fmaxf(p[3], 0), 1);
         if (multiplied && p[3] > 0)
             for (int c = 0; c < 3; c++)
@@ -122,12 +128,29 @@ static cn_status convert_maps(const builder *b, uint32_t at)
     return photo->normal ? convert_normal(b, at) : CN_OK;
 }
 
+/* Notes whether a photo has a pixel that is learnt, and whether those have more than one colour. noise: of a channel.
+ */
+static void look_at(const float *rgba, size_t n, float noise, outcome *o)
+{
+    const float *first = NULL;
+    o->one_colour = true;
+    for (size_t i = 0; i < n; i++) {
+        const float *p = rgba + 4 * i;
+        if (!(p[3] > 0)) continue;
+        if (!first) first = p;
+        for (int c = 0; c < 3; c++)
+            if (fabsf(p[c] - first[c]) > noise + SAME_COLOUR * fabsf(first[c])) o->one_colour = false;
+    }
+    o->ignored = !first;
+    if (!first) o->one_colour = false;
+}
+
 static cn_status convert(const builder *b, uint32_t at, const char *path, const cn_oiio_info *info, float *rgba)
 {
     const cn_photo *photo = &b->index->photos[at];
     const cn_store_record *r = &b->records[at];
     const size_t n = (size_t)photo->width * photo->height, out_n = (size_t)r->width * r->height;
-    weigh(rgba, n, info->is_float);
+    weigh(rgba, n, info->is_float, &b->outcomes[at]);
     if (!info->is_float) { /* a border is added to files for the web */
         b->outcomes[at].border = cn_photo_find_border(rgba, photo->width, photo->height);
         apply_border(&b->outcomes[at].border, rgba, photo->width, photo->height);
@@ -139,10 +162,7 @@ static cn_status convert(const builder *b, uint32_t at, const char *path, const 
     cn_status status = small && half ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory for %s", photo->name);
     if (status == CN_OK) {
         cn_image_shrink(rgba, photo->width, photo->height, small, r->width, r->height);
-        bool ignored = true;
-        for (size_t i = 0; i < out_n; i++)
-            ignored = ignored && !(small[4 * i + 3] > 0);
-        b->outcomes[at].ignored = ignored;
+        look_at(small, out_n, info->is_float ? 0 : SAME_COLOUR, &b->outcomes[at]); /* floats have any unit */
         for (size_t i = 0; i < out_n * 4; i++)
             half[i] = cn_half_from_float(small[i]);
         status = write_at(b, half, out_n * 8, r->offset);
@@ -268,6 +288,18 @@ static void say_borders(const cn_context *ctx, const builder *b)
                n, b->index->photos[first].name, o->left, o->right, o->top, o->bottom);
 }
 
+static void say_one_colour(const cn_context *ctx, const builder *b)
+{
+    uint32_t n = 0, first = 0;
+    for (uint32_t i = 0; i < b->index->n_photos; i++)
+        if (b->outcomes[i].one_colour && !n++) first = i;
+    if (n)
+        cn_log(ctx, CN_LOG_WARN,
+               "photos of one colour all over, such as black or white: %u of %u. The first is %s; remove such photos, "
+               "for they are learnt like the others",
+               n, b->index->n_photos, b->index->photos[first].name);
+}
+
 static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t count, double elapsed)
 {
     const uint32_t n = b->index->n_photos;
@@ -275,7 +307,8 @@ static cn_status report_chunk(const cn_context *ctx, const builder *b, uint32_t 
         const outcome *o = &b->outcomes[i];
         if (o->status != CN_OK) return cn_fail(o->status, "%s", o->message ? o->message : "out of memory");
         if (o->ignored)
-            cn_log(ctx, CN_LOG_WARN, "%s is not used: its mask or alpha hides all of it", b->index->photos[i].name);
+            cn_log(ctx, CN_LOG_WARN, "%s is not used: %s", b->index->photos[i].name,
+                   o->not_finite ? "none of its pixels is finite" : "its mask or alpha hides all of it");
     }
     for (uint32_t i = b->first; i < b->first + count; i++)
         say_maps(ctx, &b->index->photos[i], &b->outcomes[i]);
@@ -400,6 +433,7 @@ static cn_status build_with(const cn_context *ctx, builder *b, const char *part)
     if (status == CN_OK && !is_done(b)) status = build_file(ctx, b, part);
     if (status == CN_OK && cn_file_exists(part)) status = cn_file_remove(part);
     if (b->outcomes) say_borders(ctx, b);
+    if (b->outcomes) say_one_colour(ctx, b);
     if (b->outcomes) say_unread_profiles(ctx, b);
     for (uint32_t i = 0; b->outcomes && i < n; i++) {
         free(b->outcomes[i].message);

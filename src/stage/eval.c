@@ -98,10 +98,14 @@ static cn_status render_appearance(eval_job *j, const cn_view *view, cn_appearan
     return to_display(j->colour, picture->rgba, n, NULL);
 }
 
+/* PSNR at most, and of equal pictures, as of photos that are black all over: infinity has no mean and no number in
+ * JSON. 144.5 dB is a difference in the last bit of a float of 1. */
+#define EQUAL_DB 150.0
+
 static cn_score score(const float *truth, const float *test, const float *weight, uint32_t width, uint32_t height)
 {
-    return (cn_score){ cn_measure_psnr(truth, test, weight, (size_t)width * height),
-                       cn_measure_ssim(truth, test, weight, width, height) };
+    const double psnr = cn_measure_psnr(truth, test, weight, (size_t)width * height);
+    return (cn_score){ psnr > EQUAL_DB ? EQUAL_DB : psnr, cn_measure_ssim(truth, test, weight, width, height) };
 }
 
 /* A held-out photo and its render. */

@@ -147,6 +147,17 @@ bool cn_monitor_diverged(const cn_monitor *g, char why[CN_MONITOR_WHY])
     return false;
 }
 
+bool cn_monitor_learnt_nothing(const cn_monitor *g, char why[CN_MONITOR_WHY])
+{
+    if (!(g->steps + g->skipped > 0)) {
+        snprintf(why, CN_MONITOR_WHY, "no step had a ray with a usable pixel");
+        return true;
+    }
+    if (!(g->steps > 0) || !worse_than_grey(g)) return false;
+    cn_print(why, CN_MONITOR_WHY, "its loss is %.3g, and one colour for all would have %.3g", g->loss, grey_loss(g));
+    return true;
+}
+
 bool cn_monitor_healthy(const cn_monitor *g)
 {
     if (g->steps < MEMORY) return false;

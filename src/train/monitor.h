@@ -28,6 +28,8 @@ bool cn_monitor_accepts(cn_monitor *monitor, const cn_step_stats *stats, const c
 bool cn_monitor_diverged(const cn_monitor *monitor, char why[CN_MONITOR_WHY]);
 /* True when the state is worth keeping for a rollback, by its losses. The parameters have to be finite too. */
 bool cn_monitor_healthy(const cn_monitor *monitor);
+/* True when the last steps are no better than one colour for all rays; says by how much. */
+bool cn_monitor_learnt_nothing(const cn_monitor *monitor, char why[CN_MONITOR_WHY]);
 /* Forgets the losses. The counts stay. */
 void cn_monitor_reset(cn_monitor *monitor);
 /* Weight of the priors (against fog, and for rays that end): 1 while the photos are not explained, and lower the

@@ -266,6 +266,16 @@ static cn_status write_metrics(run *r, const cn_train_result *result)
     return status;
 }
 
+/* A training that is shorter than the steps after which it counts as diverged ends with such a tile. */
+static void warn_of_nothing(run *r)
+{
+    const cn_trainer *t = &r->trainer;
+    if (!cn_monitor_learnt_nothing(&t->monitor, r->why)) return;
+    cn_log(t->ctx, CN_LOG_WARN, "tile %s shows nothing of its photos: %s; %s", t->input->tile->id, r->why,
+           t->monitor.steps > 0 ? "raise train.steps, or lower train.learning_rate"
+                                : "look at its masks, its poses, and whether its photos look at it");
+}
+
 static cn_status finish(run *r, cn_train_result *result)
 {
     const cn_trainer *t = &r->trainer;
@@ -275,6 +285,7 @@ static cn_status finish(run *r, cn_train_result *result)
                        "tile %s: not every parameter is finite at the end of training; lower train.learning_rate",
                        t->input->tile->id);
     report(r, true);
+    warn_of_nothing(r);
     const double seconds = cn_now_s() - r->started;
     *result =
         (cn_train_result){ t->step, seconds, (double)r->samples / fmax(seconds, 1e-9), psnr_of(r), t->arena.size };

@@ -3,14 +3,16 @@
 # usage: masks.sh CONURB MAKE_PHOTOS
 . "$(dirname "${BASH_SOURCE[0]}")/lib.sh"
 
-# mask WHITE FILE: a grey PNG of 2 x 2 pixels, white in its first WHITE rows and black below.
+# mask WHITE FILE [WIDTH HEIGHT]: a grey PNG of 2 x 2 pixels, white in its first WHITE rows and black below.
 mask() {
-    python3 - "$1" "$2" <<'PY'
+    python3 - "$1" "$2" "${3:-2}" "${4:-2}" <<'PY'
 import struct, sys, zlib
+width, height = int(sys.argv[3]), int(sys.argv[4])
 def chunk(kind, data):
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-rows = b"".join(b"\0" + (b"\xff\xff" if y < int(sys.argv[1]) else b"\0\0") for y in range(2))
-open(sys.argv[2], "wb").write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 2, 2, 8, 0, 0, 0, 0)) +
+rows = b"".join(b"\0" + (b"\xff" if y < int(sys.argv[1]) else b"\0") * width for y in range(height))
+open(sys.argv[2], "wb").write(b"\x89PNG\r\n\x1a\n" +
+                              chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)) +
                               chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
 PY
 }
@@ -54,4 +56,15 @@ PY
 expect 0 "the plan is done" "the store is made again" "$conurb" plan "$town" --no-forecast
 [ -s "$town/pixels.bin" ] && good || bad "no store"
 [ ! -e "$town/plan/LOCK" ] && good || bad "a lock is left"
+
+# Renders of photos that are black all over are equal to them: their score is the highest one, a number.
+city night 8 all
+for jpeg in "$work"/night-photos/*.jpg; do
+    mask 0 "${jpeg%.jpg}.png" 48 36
+    echo "$jpeg" >>"${jpeg%.jpg}.png" # no two files alike
+    rm "$jpeg"
+done
+sed -i 's/\.jpg/.png/' "$work/night-photos/transforms.json"
+expect 0 "of one colour all over, such as black or white: 8 of 8" "black photos" "$conurb" run "$work/night"
+grep -Eq 'mean of held-out photos +150\.00 dB' "$work/out" && good || bad "scores of black photos"
 finish

@@ -75,7 +75,7 @@ for line in open(script):
         assert len(words) == 1, (line, words)
         key, _, value = words[0].partition("=")
         options[key] = value
-assert options["--output"] == town.replace("%", "%%") + "/jobs/logs/train-%j.log", options
+assert options["--output"] == town.replace("%", "%%") + "/jobs/logs/train-%A_%a.log", options
 assert options["--job-name"] == os.path.basename(town) + "-train", options
 PY
 finish

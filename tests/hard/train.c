@@ -236,13 +236,40 @@ static void test_rate_too_high(void **state)
     synthetic_scene_deinit(&synthetic);
 }
 
+static void listen_nothing(void *user, cn_log_level level, const char *text)
+{
+    if (level == CN_LOG_WARN && strstr(text, "shows nothing of its photos")) snprintf(user, 512, "%s", text);
+}
+
+/* Trainings that end before they count as diverged. Guard: warn_of_nothing of train/train.c; without it a tile of
+ * nothing is made without a word. */
+static void test_short_trainings(void **state)
+{
+    (void)state;
+    synthetic_scene synthetic;
+    hard_scene_init(&synthetic, 6);
+    cn_train_options o = hard_options();
+    for (int good = 0; good < 2; good++) {
+        char said[512] = "", dir[96];
+        o.learning_rate = good ? cn_train_options_preset(CN_QUALITY_STANDARD).learning_rate : 10;
+        o.steps = good ? 200 : 20;
+        const cn_context ctx = { .log = listen_nothing, .user = said };
+        const cn_train_input input = { &synthetic.scene, &synthetic.index, synthetic.pixels, &synthetic.tile };
+        cn_train_result result;
+        snprintf(dir, sizeof dir, "%s/short-%d", synthetic.folder, good);
+        hard_must(cn_train_tile(&ctx, &input, &o, "parent", dir, &result));
+        print_message("%u steps, %.2f dB; %s\n", result.steps, result.train_psnr, said);
+        assert_true(good ? !*said : strstr(said, "lower train.learning_rate") != NULL);
+    }
+    synthetic_scene_deinit(&synthetic);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_few_photos),
-        cmocka_unit_test(test_beta_at_its_floor),
-        cmocka_unit_test(test_no_transients),
-        cmocka_unit_test(test_rate_too_high),
+        cmocka_unit_test(test_few_photos),      cmocka_unit_test(test_beta_at_its_floor),
+        cmocka_unit_test(test_no_transients),   cmocka_unit_test(test_rate_too_high),
+        cmocka_unit_test(test_short_trainings),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

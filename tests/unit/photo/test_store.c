@@ -228,6 +228,28 @@ static void a_mask_of_the_stored_pixels_is_turned(void **state)
     cn_pixel_store_close(&store);
 }
 
+/* A lens cap, and a renderer that wrote no number at all: what is said is the cause. A faint EXR is a picture. */
+static void photos_of_nothing_are_named(void **state)
+{
+    scratch *s = *state;
+    float nothing[32 * 16 * 4], noise[32 * 16 * 3];
+    for (int i = 0; i < 32 * 16 * 4; i++)
+        nothing[i] = NAN;
+    for (int i = 0; i < 32 * 16 * 3; i++)
+        noise[i] = cn_rng_float(3, 0, (uint64_t)i);
+    a_grey(s, "cap.png", 0, 32, 16);
+    float faint[32 * 16 * 4]; /* a picture in a large unit of light */
+    for (int i = 0; i < 32 * 16 * 4; i++)
+        faint[i] = i % 4 == 3 ? 1 : 1e-4f * cn_rng_float(4, 0, (uint64_t)i);
+    assert_int_equal(cn_oiio_write_exr(scratch_path(s, "faint.exr"), faint, NULL, 32, 16, NULL), CN_OK);
+    assert_int_equal(cn_oiio_write_exr(scratch_path(s, "nan.exr"), nothing, NULL, 32, 16, NULL), CN_OK);
+    assert_int_equal(cn_oiio_write_png(scratch_path(s, "noise.png"), noise, 32, 16, 3, NULL), CN_OK);
+    cn_pixel_store *store = build(s, 16);
+    assert_non_null(strstr(s->logged, "nan.exr is not used: none of its pixels is finite"));
+    assert_non_null(strstr(s->logged, "of one colour all over, such as black or white: 1 of 4. The first is cap.png"));
+    cn_pixel_store_close(&store);
+}
+
 static void a_mask_of_another_shape_is_refused(void **state)
 {
     scratch *s = *state;
@@ -515,6 +537,7 @@ int main(void)
         TEST(photos_are_shrunk_in_linear_light),
         TEST(float_files_keep_their_light),
         TEST(masks_and_alpha_take_the_weight),
+        TEST(photos_of_nothing_are_named),
         TEST(a_mask_of_the_stored_pixels_is_turned),
         TEST(a_mask_of_another_shape_is_refused),
         TEST(a_broken_mask_is_named),
