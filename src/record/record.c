@@ -4,6 +4,7 @@
 #include "base/hash.h"
 #include "base/json.h"
 #include "base/number.h"
+#include "city/keys.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
@@ -66,6 +67,40 @@ static json_t *fingerprint_json(const cn_fingerprint *fingerprint)
     return root;
 }
 
+/* A value that the record has and the fingerprint has not: some are added only where they are not the default. */
+static bool lacks(const cn_fingerprint *fingerprint, const json_t *recorded, char *reason)
+{
+    json_t *now = fingerprint_json(fingerprint);
+    const char *key;
+    const json_t *value;
+    bool found = false;
+    json_object_foreach((json_t *)recorded, key, value)
+    {
+        if (found || json_object_get(now, key)) continue;
+        snprintf(reason, CN_REASON_SIZE, "%s changed", key);
+        found = true;
+    }
+    json_decref(now);
+    return found;
+}
+
+/* A recorded value as city.yaml has it: records keep choices and switches as numbers. */
+static void print_value(const char *name, const char *value, size_t length, char out[LONGEST_VALUE + 1])
+{
+    char section[64], *end;
+    cn_key key;
+    snprintf(out, LONGEST_VALUE + 1, "%.*s", (int)length, *value ? value : "");
+    snprintf(section, sizeof section, "%s", name);
+    char *dot = strchr(section, '.');
+    if (!dot || !*out) return;
+    *dot = 0;
+    const long number = strtol(out, &end, 10);
+    if (*end || !cn_key_find(section, dot + 1, &key)) return;
+    if (key.kind == CN_KEY_SWITCH) snprintf(out, LONGEST_VALUE + 1, "%s", number ? "on" : "off");
+    for (const cn_key_choice *c = key.kind == CN_KEY_CHOICE ? key.choices : NULL; c && c->name; c++)
+        if (c->value == number) snprintf(out, LONGEST_VALUE + 1, "%s", c->name);
+}
+
 /* The first value that differs from the record: "train.steps is 60, was 40". For hashes it says only that they differ.
  */
 static bool differs(const cn_fingerprint *fingerprint, const json_t *recorded, bool values, char *reason)
@@ -75,14 +110,17 @@ static bool differs(const cn_fingerprint *fingerprint, const json_t *recorded, b
         char key[64];
         snprintf(key, sizeof key, "%.*s", name, line);
         const char *was = json_string_value(json_object_get(recorded, key));
+        char is[LONGEST_VALUE + 1], before[LONGEST_VALUE + 1];
         if (was && strlen(was) == (size_t)value && strncmp(was, line + name + 1, (size_t)value) == 0) continue;
+        print_value(key, line + name + 1, (size_t)value, is);
+        print_value(key, was ? was : "", was ? strlen(was) : 0, before);
         if (values && was)
-            snprintf(reason, CN_REASON_SIZE, "%s is %.*s, was %s", key, value, line + name + 1, *was ? was : "empty");
+            snprintf(reason, CN_REASON_SIZE, "%s is %.60s, was %.60s", key, is, *before ? before : "empty");
         else
             snprintf(reason, CN_REASON_SIZE, "%s changed", key);
         return true;
     }
-    return false;
+    return lacks(fingerprint, recorded, reason);
 }
 
 static bool same_hash(const json_t *record, const char *key, uint64_t hash)

@@ -40,7 +40,7 @@ cp -r "$town" "$work/other"
 echo mine >"$work/other/eval/mine.png"
 sed -i 's/hold_out_every: 2/hold_out_every: 3/' "$work/other/city.yaml"
 expect 0 "held-out photos" "a run that holds out other photos" "$conurb" run "$work/other" --threads 2
-python3 - "$work/other/eval" >"$work/out" 2>&1 <<'PY' && good || bad "eval leaves pictures of photos that are not held out"
+python3 - "$work/other/eval" >"$work/out" 2>&1 <<'PY' && good || bad "eval leaves pictures of other photos"
 import json, pathlib, sys
 folder = pathlib.Path(sys.argv[1])
 held = {photo["name"] + ".png" for photo in json.load(open(folder / "eval.json"))["photos"]}

@@ -70,6 +70,41 @@ static void every_change_is_seen_and_named(void **state)
     rmdir(folder);
 }
 
+static void expect_reason(const cn_city *city, const char *name, const char *value, const char *reason)
+{
+    cn_stage stage = { .record = "stage.json", .made = { "made" } };
+    char said[CN_REASON_SIZE];
+    cn_fingerprint_add(&stage.config, name, "%s", value);
+    assert_false(cn_stage_done(city, &stage, said));
+    assert_string_equal(said, reason);
+}
+
+/* A reason has the words of city.yaml, not the numbers of an enum. */
+static void a_reason_speaks_as_city_yaml_does(void **state)
+{
+    (void)state;
+    char folder[] = "/tmp/conurb-record-XXXXXX", path[64];
+    assert_non_null(mkdtemp(folder));
+    const cn_city city = { .folder = folder };
+    snprintf(path, sizeof path, "%s/made", folder);
+    assert_int_equal(cn_file_write(path, "1", 1), CN_OK);
+    cn_stage stage = { .record = "stage.json", .made = { "made" } };
+    cn_fingerprint_add(&stage.config, "poses.matcher", "0");
+    cn_fingerprint_add(&stage.config, "poses.single_camera", "1");
+    cn_fingerprint_add(&stage.config, "train.steps", "60");
+    cn_fingerprint_add(&stage.config, "effects.sky", "auto");
+    cn_fingerprint_add(&stage.config, "plan.centres", "%s", "");
+    assert_int_equal(cn_stage_finish(&city, &stage), CN_OK);
+    expect_reason(&city, "poses.matcher", "3", "poses.matcher is sequential, was auto");
+    expect_reason(&city, "poses.single_camera", "0", "poses.single_camera is off, was on");
+    expect_reason(&city, "train.steps", "70", "train.steps is 70, was 60");
+    expect_reason(&city, "effects.sky", "off", "effects.sky is off, was auto");
+    expect_reason(&city, "plan.centres", "a.geojson", "plan.centres is a.geojson, was empty");
+    /* A value that is no longer there is named too. */
+    expect_reason(&city, "poses.matcher", "0", "effects.sky changed");
+    assert_int_equal(cn_folder_remove(folder), CN_OK);
+}
+
 /* Imported poses depend on all files that they are read from. */
 static void the_list_of_a_bundle_is_an_input(void **state)
 {
@@ -219,10 +254,12 @@ static void masks_are_inputs(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_hash_is_of_the_whole_text),      cmocka_unit_test(every_change_is_seen_and_named),
-        cmocka_unit_test(the_list_of_a_bundle_is_an_input), cmocka_unit_test(the_files_of_an_import_are_inputs),
-        cmocka_unit_test(older_records_of_imports_hold),    cmocka_unit_test(masks_are_inputs)
-    };
+    const struct CMUnitTest tests[] = { cmocka_unit_test(a_hash_is_of_the_whole_text),
+                                        cmocka_unit_test(every_change_is_seen_and_named),
+                                        cmocka_unit_test(the_list_of_a_bundle_is_an_input),
+                                        cmocka_unit_test(the_files_of_an_import_are_inputs),
+                                        cmocka_unit_test(a_reason_speaks_as_city_yaml_does),
+                                        cmocka_unit_test(older_records_of_imports_hold),
+                                        cmocka_unit_test(masks_are_inputs) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
