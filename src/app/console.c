@@ -5,6 +5,7 @@
 
 #include <stdio.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 static bool terminal, line_open;
@@ -58,13 +59,41 @@ int cn_app_bar(double done, double total, char out[CN_APP_BAR + 1])
     return (int)(100 * share);
 }
 
+/* Characters, not bytes. */
+static size_t width_of(const char *text)
+{
+    size_t n = 0;
+    for (; *text; text++)
+        n += ((unsigned char)*text & 0xc0) != 0x80;
+    return n;
+}
+
+/* One row of the terminal: of a longer line only the last row would be overwritten by the next. The bar goes first,
+ * then the end. */
+static void draw(const char *stage, const char *bar, const char *done, const char *left, const char *detail)
+{
+    struct winsize size = { 0 };
+    char line[512];
+    const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1;
+    const size_t most = known ? size.ws_col - 1u : sizeof line;
+    snprintf(line, sizeof line, "%s [%s] %s, %s left  %s", stage, bar, done, left, detail);
+    if (width_of(line) > most) snprintf(line, sizeof line, "%s %s, %s left  %s", stage, done, left, detail);
+    char *end = line;
+    for (size_t n = 0; *end; end++) {
+        n += ((unsigned char)*end & 0xc0) != 0x80;
+        if (n > most) break;
+    }
+    *end = '\0';
+    fprintf(stderr, "\r\033[K%s", line);
+}
+
 static void print_progress(void *user, const cn_progress_report *r)
 {
     (void)user;
     const double now = cn_now_s();
     const bool last = r->total > 0 && r->done >= r->total;
     char stage[64];
-    snprintf(stage, sizeof stage, "%s %s", r->stage, r->item ? r->item : "");
+    snprintf(stage, sizeof stage, "%s%s%s", r->stage, r->item && *r->item ? " " : "", r->item ? r->item : "");
     const bool fresh = is_fresh(stage);
     if (!last && !fresh && now - last_print < (terminal ? 0.2 : 5)) return;
     last_print = now;
@@ -80,7 +109,7 @@ static void print_progress(void *user, const cn_progress_report *r)
         snprintf(done, sizeof done, "%.0f", r->done);
     if (terminal) {
         if (fresh && line_open) fputc('\n', stderr);
-        fprintf(stderr, "\r\033[K%s [%s] %s, %s left  %s", stage, bar, done, left, detail);
+        draw(stage, bar, done, left, detail);
         line_open = !last;
         if (last) fputc('\n', stderr);
         fflush(stderr);

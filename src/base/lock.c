@@ -147,7 +147,8 @@ static cn_status refuse(const cn_lock_state *state, const char *what)
 static cn_status open_mine(const char *path, const char *what, int *out)
 {
     for (;;) {
-        const int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+        /* The umask decides: in a folder that a group shares, others of it take over what a killed process left. */
+        const int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
         if (fd < 0)
             return cn_fail(CN_ERR_IO, "cannot write %s: %s; is the workspace read-only?", path, strerror(errno));
         const answer kernel = ask_kernel(fd, F_OFD_SETLK);

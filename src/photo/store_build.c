@@ -383,7 +383,7 @@ static cn_status finish_file(const builder *b, uint32_t n_photos, const char *pa
 /* A build that is stopped saves its photos as a smaller store, which the next run reuses. */
 static cn_status build_file(const cn_context *ctx, builder *b, const char *part)
 {
-    b->fd = open(b->temporary, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+    b->fd = open(b->temporary, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
     if (b->fd < 0) return cannot_write(b->path);
     uint32_t done = 0;
     cn_status status = build_all(ctx, b, &done);

@@ -79,4 +79,13 @@ completes 'show sheet' conurb appearance beach s
 completes '' conurb render beach --out ''
 completes 'kubernetes' conurb submit --engine k
 
+# Progress stays in one row of a terminal: of a longer line, the first rows would be left behind at every update.
+if command -v script >/dev/null; then
+    script -qec "stty cols 40; '$conurb' render '$work/demo' --frames 2 --width 16 --out '$work/narrow'" \
+        "$work/out" >/dev/null 2>&1
+    tr '\r' '\n' <"$work/out" | sed -n 's/^\x1b\[K//p' >"$work/rows"
+    grep -q "^render 100%, 2 of 2" "$work/rows" && good || bad "no progress on a narrow terminal"
+    grep -q '.\{40\}' "$work/rows" && bad "progress is wider than the terminal" || good
+fi
+
 finish

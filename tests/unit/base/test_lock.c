@@ -34,6 +34,25 @@ static int tear_down(void **state)
     return rmdir(folder); /* fails when a lock was left behind */
 }
 
+/* What a killed process of one user leaves, another of the group can take over where the umask lets the group write. */
+static void the_umask_decides_who_may_write(void **state)
+{
+    (void)state;
+    static const mode_t masks[] = { 0002, 0022, 0077 };
+    for (size_t i = 0; i < sizeof masks / sizeof *masks; i++) {
+        cn_lock *lock;
+        struct stat info;
+        const mode_t before = umask(masks[i]);
+        const cn_status status = cn_lock_take(&lock, path, "tile A");
+        umask(before);
+        assert_int_equal(status, CN_OK);
+        const int looked = stat(path, &info);
+        cn_lock_release(&lock); /* before a failure, so that the other tests get it */
+        assert_int_equal(looked, 0);
+        assert_int_equal(info.st_mode & 0777, 0666 & ~masks[i]);
+    }
+}
+
 static void one_holder_at_a_time(void **state)
 {
     (void)state;
@@ -173,6 +192,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(one_holder_at_a_time),
+        cmocka_unit_test(the_umask_decides_who_may_write),
         cmocka_unit_test(a_dead_holder_keeps_nobody_out),
         cmocka_unit_test(another_machine_counts_until_it_is_silent),
         cmocka_unit_test(a_folder_that_is_missing_is_named),
