@@ -131,6 +131,15 @@ static cn_status check_page(const cn_viewer_page *page, const cn_city_export_opt
     return CN_OK;
 }
 
+/* What only a camera takes would be ignored without one, and all that is due by default be exported instead. */
+static cn_status check_camera(const options *o)
+{
+    const cn_city_render_options *r = &o->render;
+    if (o->camera || !(r->path || r->orbit || o->width > 0 || o->frames > 0)) return CN_OK;
+    return cn_fail(CN_ERR_USAGE,
+                   "--path, --orbit, --width and --frames are for a camera; give --camera F.chan or F.glb");
+}
+
 static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
@@ -139,6 +148,7 @@ static cn_status run_export(const cn_context *ctx, const cn_app_call *call)
     if (o->width < 0 || o->width > 16384 || o->frames < 0 || o->frames > 1e6)
         return cn_fail(CN_ERR_USAGE, "--width: give 0 to 16384 pixels; --frames: give 0 to 1000000");
     CN_TRY(check_page(&o->page, &o->export));
+    CN_TRY(check_camera(o));
     render.width_px = (uint32_t)o->width;
     render.n_frames = (uint32_t)o->frames;
     if (o->budget != 0 && !(o->budget >= 1000 && o->budget <= 5e7))

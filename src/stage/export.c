@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 typedef struct export_job {
     const cn_context *ctx;
@@ -204,11 +205,25 @@ static cn_status check_mesh(const cn_city_export_options *o)
     return CN_OK;
 }
 
+/* Other programs choose their reader by the ending. */
+static cn_status check_raster(const char *path)
+{
+    const char *dot = path ? strrchr(cn_path_base(path), '.') : NULL;
+    if (!path || (dot && (strcasecmp(dot, ".tif") == 0 || strcasecmp(dot, ".tiff") == 0))) return CN_OK;
+    return cn_fail(CN_ERR_USAGE, "%s: a GeoTIFF ends with .tif or .tiff", path);
+}
+
 /* Files are written after hours, one kind after another: a name that cannot be is said before. */
 static cn_status check_files(const cn_city_export_options *o)
 {
     const char *const files[] = { o->ortho, o->dsm, o->dtm, o->points, o->mesh, o->splats };
     bool las;
+    for (size_t i = 0; i < 3; i++)
+        CN_TRY(check_raster(files[i]));
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++)
+        for (size_t j = 0; j < i; j++)
+            if (files[i] && files[j] && strcmp(files[i], files[j]) == 0)
+                return cn_fail(CN_ERR_USAGE, "%s is named for two exports; give each a file of its own", files[i]);
     if (o->points) CN_TRY(cn_point_file_kind(o->points, &las));
     if (o->mesh) CN_TRY(cn_mesh_check_path(o->mesh, o->texture_px > 0));
     if (o->splats) CN_TRY(cn_splats_check_path(o->splats));

@@ -62,6 +62,9 @@ late 2 "PLY has no textures" "an orthophoto, and a textured PLY" --mesh "$work/m
 late 2 .las "an orthophoto, and points of an unknown kind" --points "$work/p.laz"
 late 2 .spz "an orthophoto, and splats of an unknown kind" --splats "$work/s.splat"
 late 2 .chan "an orthophoto, and a camera of an unknown kind" --camera "$work/c.fbx"
+late 2 "GeoTIFF ends with" "an orthophoto, and a surface model as PNG" --dsm "$work/d.png"
+late 2 "two exports" "an orthophoto, and a surface model in the same file" --dsm "$work/x.tif"
+late 2 "give --camera" "an orthophoto, and frames of no camera" --frames 10
 [ ! -e "$work/x.tif" ] && good || bad "an export whose last file cannot be began with the first"
 
 echo '{"type": "Point"}' >"$work/point.geojson"
