@@ -17,8 +17,8 @@
  *
  * Evidence: the share of the photos' area that looks like sky, and a twentieth of it where that may be a ceiling
  * (sky_hints.c). The threshold lies between herz-jesus (0.012) and entry-P10 and fountain-P11 (Strecha et al. 2008;
- * both 0.023). A little sky is enough: without it, matter
- * before the roofs stands for it. Figures are in tests/bench/experiments.md. */
+ * both 0.023). A little sky is enough: without it, matter before the roofs stands for it. Figures are in
+ * tests/bench/experiments.md. */
 #include "effect/effect.h"
 #include "effect/head.h"
 #include "effect/runs.h"

@@ -492,9 +492,9 @@ bool cn_sky_hints_find(const cn_plan_input *input, const cn_plan_tile *tile, uin
 /* What the photos of a tile show as sky, and beside it. */
 typedef struct sky_sums {
     double all, sky; /* hints */
-    double blue,
-        brighter;  /* sums over the hints of sky: blue above red; the part of its photo's rest that is brighter */
-    double colour; /* sum over all hints: difference of blue and red */
+    double colour;   /* over all hints: difference of blue and red */
+    double blue;     /* over the hints of sky: blue less red */
+    double brighter; /* over the hints of sky: the part of its photo's rest that is brighter */
 } sky_sums;
 
 static void add_photo(sky_photo *sky, sky_sums *sums)

@@ -27,7 +27,7 @@
 #define ENOUGH_OF_RIGS 0.6 /* views of rigs: some of them see only what is near, or the sky */
 #define ENOUGH_SHARED 0.6  /* photos of a group that are in the core of another */
 #define MOST_PHOTOS_FOR_NEW_FEATURES 500
-#define MOST_PHOTOS_TO_MAP_AGAIN 500
+#define MOST_PHOTOS_TO_MAP_AGAIN 100
 /* Mean reprojection error above which a model counts as doubtful, whatever its photos: good ones have 0.3 to 1 px, and
  * COLMAP leaves out observations above 4 px. The same holds where most photos disagree with their GPS. */
 #define DOUBTFUL_PX 1.5
