@@ -128,7 +128,8 @@ CN_API CN_NODISCARD cn_status cn_city_appearance_transient(const cn_context *ctx
 CN_API CN_NODISCARD cn_status cn_city_eval(const cn_context *ctx, cn_city *city, const char *blend, cn_eval *eval);
 /* Makes a mesh of the trained tiles (CITY/eval/mesh.ply, with the mean appearance) and compares it with a reference as
  * cn_surface_compare does. Writes CITY/eval/geometry.json. reference NULL: the city's sparse points. cube_m: of the
- * mesh; 0: as fine as the photos. depths: as in cn_city_export_options. */
+ * mesh; 0: as fine as the photos. depths: as in cn_city_export_options. In a city without georeference lengths are
+ * units of the poses (fit->unit). */
 CN_API CN_NODISCARD cn_status cn_city_eval_geometry(const cn_context *ctx, cn_city *city, const char *reference,
                                                     double cube_m, const char *depths, cn_surface_fit *fit);
 typedef struct cn_city_export_options {

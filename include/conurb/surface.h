@@ -123,6 +123,7 @@ typedef struct cn_surface_fit {
     cn_surface_distances from_reference; /* places of the reference to the mesh's triangles */
     double chamfer_m;                    /* the mean of the two means; NaN when sparse */
     double f_score[CN_SURFACE_THRESHOLDS];
+    const char *unit; /* of all lengths: cn_frame_unit of the city; NULL by cn_surface_compare, which knows none */
 } cn_surface_fit;
 /* Compares a mesh (PLY) with a reference: a PLY of points or triangles in the same local metres, or, reference NULL,
  * the scene's sparse points that three photos or more see. Vertices of the mesh outside the reference's box, widened by

@@ -21,6 +21,17 @@ static void print_json_score(const char *key, cn_score score)
     printf("}");
 }
 
+static void print_json_text(const char *key, const char *text)
+{
+    printf("\"%s\": \"", key);
+    for (const char *c = text; *c; c++)
+        if ((unsigned char)*c < 0x20)
+            printf("\\u%04x", (unsigned)*c);
+        else
+            printf(*c == '"' || *c == '\\' ? "\\%c" : "%c", *c);
+    printf("\"");
+}
+
 static void print_eval_json(const cn_eval *eval)
 {
     printf("{");
@@ -35,10 +46,11 @@ static void print_eval_json(const cn_eval *eval)
     printf(", \"photos\": [");
     for (uint32_t i = 0; i < eval->n_photos; i++) {
         const cn_eval_photo *p = &eval->photos[i];
-        printf("%s{\"name\": \"", i ? ", " : "");
-        for (const char *c = p->name; *c; c++)
-            printf(*c == '"' || *c == '\\' ? "\\%c" : "%c", *c);
-        printf("\", ");
+        printf(i ? ", {" : "{");
+        print_json_text("name", p->name);
+        printf(", ");
+        print_json_text("tile", p->tile);
+        printf(", ");
         print_json_number("psnr", p->plain.psnr);
         printf(", ");
         print_json_number("ssim", p->plain.ssim);
@@ -88,24 +100,56 @@ static void print_distances(const char *what, const cn_surface_distances *d)
     printf("\n");
 }
 
-static cn_status eval_geometry(const cn_context *ctx, cn_city *city, const char *reference, double cube_m,
-                               const char *depths)
+static void print_json_thresholds(const char *key, const double values[CN_SURFACE_THRESHOLDS])
 {
-    cn_surface_fit fit;
-    const bool points = strcmp(reference, "points") == 0;
-    CN_TRY(cn_city_eval_geometry(ctx, city, points ? NULL : reference, cube_m, depths, &fit));
-    printf("%-28s %9s  %8s  %8s", "distance in metres", "places", "median", "mean");
+    printf(", \"%s\": [", key);
+    for (int t = 0; t < CN_SURFACE_THRESHOLDS; t++)
+        if (values[t] - values[t] == 0)
+            printf("%s%.6f", t ? ", " : "", values[t]);
+        else
+            printf("%snull", t ? ", " : "");
+    printf("]");
+}
+
+static void print_distances_json(const char *key, const cn_surface_distances *d)
+{
+    printf(", \"%s\": {\"n\": %llu, ", key, (unsigned long long)d->n);
+    print_json_number("median_m", d->median_m);
+    printf(", ");
+    print_json_number("mean_m", d->mean_m);
+    print_json_thresholds("within", d->within);
+    printf("}");
+}
+
+/* The keys of CITY/eval/geometry.json. */
+static void print_fit_json(const cn_surface_fit *fit)
+{
+    printf("{\"sparse\": %s, \"unit\": \"%s\"", fit->sparse ? "true" : "false", fit->unit);
+    print_json_thresholds("thresholds_m", cn_surface_thresholds_m);
+    print_distances_json("from_reference", &fit->from_reference);
+    if (!fit->sparse) {
+        print_distances_json("from_mesh", &fit->from_mesh);
+        printf(", ");
+        print_json_number("chamfer_m", fit->chamfer_m);
+        print_json_thresholds("f_score", fit->f_score);
+    }
+    printf("}\n");
+}
+
+static void print_fit(const cn_surface_fit *fit)
+{
+    printf("distance in %-16s %9s  %8s  %8s", strcmp(fit->unit, "m") == 0 ? "metres" : fit->unit, "places", "median",
+           "mean");
     for (int t = 0; t < CN_SURFACE_THRESHOLDS; t++)
         printf("  < %4.2f ", cn_surface_thresholds_m[t]);
     printf("\n");
-    print_distances(points ? "sparse points to mesh" : "completeness (to mesh)", &fit.from_reference);
-    if (fit.sparse) return CN_OK;
-    print_distances("accuracy (from mesh)", &fit.from_mesh);
+    print_distances(fit->sparse ? "sparse points to mesh" : "completeness (to mesh)", &fit->from_reference);
+    if (fit->sparse) return;
+    print_distances("accuracy (from mesh)", &fit->from_mesh);
     printf("%-28s %9s  %8s  %8s", "F-score", "", "", "");
     for (int t = 0; t < CN_SURFACE_THRESHOLDS; t++)
-        printf("  %7.3f", fit.f_score[t]);
-    printf("\nChamfer distance %.3f m\n", fit.chamfer_m);
-    return CN_OK;
+        printf("  %7.3f", fit->f_score[t]);
+    printf("\nChamfer distance %.3f %s\n", fit->chamfer_m, fit->unit);
 }
 
 typedef struct options {
@@ -133,15 +177,37 @@ static const cn_app_option table[] = { { "json", NULL, "print JSON", CN_APP_FLAG
                                          CN_APP_CHOICE, offsetof(options, depths), "stereo field" },
                                        { 0 } };
 
+static cn_status check_options(const options *o)
+{
+    if (o->cube_m < 0) return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", o->cube_m);
+    if (!o->geometry && (o->cube_m > 0 || o->depths))
+        return cn_fail(CN_ERR_USAGE, "%s: it is for a mesh; give --geometry too", o->cube_m > 0 ? "--gsd" : "--depths");
+    if (o->geometry && o->blend)
+        return cn_fail(CN_ERR_USAGE, "--blend: it is for pictures; leave it out with --geometry");
+    return CN_OK;
+}
+
+static cn_status eval_geometry(const cn_context *ctx, cn_city *city, const options *o)
+{
+    const char *reference = strcmp(o->geometry, "points") == 0 ? NULL : o->geometry;
+    cn_surface_fit fit;
+    CN_TRY(cn_city_eval_geometry(ctx, city, reference, o->cube_m, o->depths, &fit));
+    if (o->json)
+        print_fit_json(&fit);
+    else
+        print_fit(&fit);
+    return CN_OK;
+}
+
 static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
 {
     const options *o = call->options;
     cn_city *city;
     cn_eval eval;
-    if (o->cube_m < 0) return cn_fail(CN_ERR_USAGE, "--gsd %g: give metres above 0", o->cube_m);
+    CN_TRY(check_options(o));
     CN_TRY(cn_city_open(&city, call->operands[0]));
     if (o->geometry) {
-        const cn_status fitted = eval_geometry(ctx, city, o->geometry, o->cube_m, o->depths);
+        const cn_status fitted = eval_geometry(ctx, city, o);
         cn_city_close(&city);
         return fitted;
     }

@@ -25,7 +25,7 @@ static json_t *distances_json(const cn_surface_distances *d)
 
 static cn_status save(const cn_surface_fit *fit, const char *path)
 {
-    json_t *root = json_pack("{s:b, s:o, s:o}", "sparse", (int)fit->sparse, "thresholds_m",
+    json_t *root = json_pack("{s:b, s:s, s:o, s:o}", "sparse", (int)fit->sparse, "unit", fit->unit, "thresholds_m",
                              cn_json_reals(cn_surface_thresholds_m, CN_SURFACE_THRESHOLDS), "from_reference",
                              distances_json(&fit->from_reference));
     if (!root) return cn_fail(CN_ERR_NOMEM, "%s: out of memory", path);
@@ -69,7 +69,10 @@ cn_status cn_city_eval_geometry(const cn_context *ctx, cn_city *city, const char
         status = cn_fail(CN_ERR_IO, "%s: there is no such file; give a PLY, or the word points", reference);
     if (status == CN_OK) status = make_mesh(&j, cube_m, depths, mesh);
     if (status == CN_OK) status = cn_surface_compare(ctx, mesh, reference, &j.dataset.scene, fit);
-    if (status == CN_OK) status = save(fit, json);
+    if (status == CN_OK) {
+        fit->unit = cn_frame_unit(&j.dataset.frame);
+        status = save(fit, json);
+    }
     cn_appearance_spec_deinit(&j.spec);
     cn_renderer_destroy(&j.renderer);
     cn_colour_destroy(&j.colour);

@@ -46,6 +46,18 @@ sed -i 's/^render:/render:\n  view: sRGB/' "$work/town/city.yaml"
 expect 0 "Chamfer distance 0.000 m" "a mesh against itself, with another OpenColorIO config" \
     env OCIO="$work/film.ocio" "$conurb" eval "$work/town" --geometry "$work/m.ply" --gsd 0.05
 [ -s "$work/town/eval/geometry.json" ] && good || bad "eval/geometry.json is missing"
+# json CITY UNIT: `eval --geometry --json` prints the keys of geometry.json, with the unit of the city's lengths.
+json() {
+    "$conurb" eval "$work/$1" --geometry "$work/m.ply" --gsd 0.05 --depths field --json 2>"$work/out" |
+        python3 -c 'import json, sys
+fit, file = json.load(sys.stdin), json.load(open(sys.argv[1]))
+assert fit.keys() == file.keys() and fit["unit"] == file["unit"] == sys.argv[2], fit' \
+            "$work/$1/eval/geometry.json" "$2" 2>>"$work/out" && good || bad "eval --geometry --json of $1"
+}
+json town m
+expect 2 "--geometry" "--gsd without a mesh" "$conurb" eval "$work/town" --gsd 0.3
+expect 2 "--geometry" "--depths without a mesh" "$conurb" eval "$work/town" --depths field
+expect 2 "--blend" "a mesh by a blending" "$conurb" eval "$work/town" --geometry points --blend all
 expect 4 "sparse points" "no sparse points to compare with" "$conurb" eval "$work/town" --geometry points --gsd 0.05
 expect 6 "nothing.ply" "a reference that is not there" "$conurb" eval "$work/town" --geometry "$work/nothing.ply"
 expect 5 "not a PLY" "a reference that is no PLY" "$conurb" eval "$work/town" --geometry "$work/o.tif" --gsd 0.05
@@ -86,6 +98,8 @@ for command in poses plan train; do expect 0 "" "$command without GPS" "$conurb"
 expect 0 "no CRS" "export without GPS" "$conurb" export "$work/village" --gsd 0.3
 expect 4 "no GPS" "a ground model without metres" "$conurb" export "$work/village" --gsd 0.3 --dtm "$work/v.tif"
 has "UTM" "$work/village/export/dsm.tif" && bad "a city without GPS got a CRS" || good
+json village units
+expect 0 "distance in units" "lengths without GPS" "$conurb" eval "$work/village" --geometry "$work/m.ply" --gsd 0.05
 expect 5 "no GPS" "a street without GPS" "$conurb" render "$work/village" --path "$work/street.geojson"
 expect 0 "2 frames" "an orbit in local metres" "$conurb" render "$work/village" --orbit 0,0,3,2 --frames 2
 finish

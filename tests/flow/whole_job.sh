@@ -21,6 +21,7 @@ expect 0 "flight" "run after a kill" "$conurb" run "$work/town"
 [ -z "$(find "$work/town/renders" -name '.*tmp-*')" ] && good || bad "temporary files are left"
 [ "$before" = "$(digest "$work/town")" ] && good || bad "the frame made again is another"
 expect 0 '"psnr"' "eval as JSON" "$conurb" eval "$work/town" --json
+expect 0 '"tile": "' "eval as JSON names each photo's tile" "$conurb" eval "$work/town" --json
 expect 0 "1 frames" "a photo's own view" "$conurb" render "$work/town" --photo 003.jpg --appearance 003.jpg
 expect 2 "no photo is named" "an appearance that is not there" "$conurb" render "$work/town" --appearance nobody.jpg
 expect 3 "view" "a view that is not in the config" "$conurb" render "$work/town" --view Technicolor --out "$work/t"
