@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 
+from checks import check, finish
 from client import Page, Server
 
 conurb, demo, compare = sys.argv[1:4]
@@ -21,13 +22,6 @@ ASKED = [{"blend": "distance_2d"}, {"blend": "ownership"},
          {"blend": "ownership", "channel": "depth"}, {"blend": "ownership", "channel": "normal"},
          {"blend": "distance_2d", "channel": "occlusion"}, {"blend": "ownership", "channel": "tiles"}]
 os.environ["CONURB_CPU"] = "ref"  # the reference's kernels: others may multiply in bfloat16
-failed = []
-
-
-def check(good, what):
-    if not good:
-        failed.append(what)
-        print("FAILED:", what, flush=True)
 
 
 def differ(first, second, suffix):
@@ -97,5 +91,4 @@ for i, (picture, wanted) in enumerate(zip(other_film, its_film)):
     same += psnr == float("inf")
 check(same < len(its_film), "the film was rendered on the device: rounding shows it")
 shutil.rmtree(work)
-print(f"{len(failed)} failed")
-sys.exit(bool(failed))
+finish()

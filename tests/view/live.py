@@ -13,22 +13,15 @@ import sys
 import tempfile
 import time
 
-from browser import Browser, find_chromium
+from browser import Browser
+from checks import check, finish, need_chromium, shoot
 
 conurb, demo = sys.argv[1:3]
-shots = sys.argv[3] if len(sys.argv) > 3 else None
 work = tempfile.mkdtemp(prefix="conurb-live-")
 city, folder, splats = f"{work}/demo", f"{work}/page", f"{work}/splats.ply"
 lights = "Clear=run0-clear_air_0003.jpg,Low sun=run2-low-sun_air_0002.jpg"
 N = 3000
 KNOWN = (1.25, -3.5, 40.0)  # metres; above all else
-failed = []
-
-
-def check(good, what):
-    if not good:
-        failed.append(what)
-        print("FAILED:", what, flush=True)
 
 
 def export(*options):
@@ -100,12 +93,6 @@ def pixels(page):
         gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, all);
         for (let i = 0; i < 4 * n; i++) if (i % 4 < 3) sum[i % 4] += all[i] / n;
         return sum; })()""")
-
-
-def shoot(page, name):
-    if shots:
-        os.makedirs(shots, exist_ok=True)
-        page.screenshot(f"{shots}/{name}.png")
 
 
 def in_the_browser(page):
@@ -185,9 +172,7 @@ made = export("--page", folder, "--live", "--from", splats, "--lights", lights, 
 check(made.returncode == 0, f"the export: {made.stderr}")
 print(f"export: {time.monotonic() - begin:.1f} s", flush=True)
 packed()
-if not find_chromium() and not failed:
-    print("SKIP: there is no Chromium here; apt-get install chromium")
-    sys.exit(77)
+need_chromium()
 browser = Browser(420, 280, dark=True)
 try:
     for part in (in_the_browser, places, controls, speed):
@@ -200,5 +185,4 @@ try:
 finally:
     browser.close()
     shutil.rmtree(work, ignore_errors=True)
-print("failed:" if failed else "passed", failed or "")
-sys.exit(1 if failed else 0)
+finish()

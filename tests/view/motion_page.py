@@ -7,30 +7,15 @@ import statistics
 import sys
 import time
 
-from browser import Browser, find_chromium
+from browser import Browser
+from checks import check, finish, need_chromium, shoot
 from client import Server
 from controls import look, pixels, pose, rest
 
-if not find_chromium():
-    print("SKIP: there is no Chromium here; apt-get install chromium")
-    sys.exit(77)
+need_chromium()
 
 conurb, city = sys.argv[1:3]
-shots = sys.argv[3] if len(sys.argv) > 3 else None
 FIRST_PICTURE_S, TRIES = 2, 4
-failed = []
-
-
-def check(good, what):
-    if not good:
-        failed.append(what)
-        print("FAILED:", what, flush=True)
-
-
-def shoot(browser, name):
-    if shots:
-        os.makedirs(shots, exist_ok=True)
-        browser.screenshot(f"{shots}/{name}.png")
 
 
 def slowdown():
@@ -226,5 +211,4 @@ finally:
     page.close()
     code, err = server.stop()
 check(code == 0, f"the server ends with 0, not {code}: {err[-2000:]}")
-print(f"{len(failed)} failed")
-sys.exit(bool(failed))
+finish()

@@ -9,32 +9,17 @@ import sys
 import tempfile
 import time
 
-from browser import Browser, find_chromium
+from browser import Browser
+from checks import check, finish, need_chromium, shoot
 from client import Server
 from controls import choose, faint, look, pose, rest
 
-if not find_chromium():
-    print("SKIP: there is no Chromium here; apt-get install chromium")
-    sys.exit(77)
+need_chromium()
 
 conurb, demo = sys.argv[1:3]
-shots = sys.argv[3] if len(sys.argv) > 3 else None
 work = tempfile.mkdtemp(prefix="conurb-page-")
 city = os.path.join(work, "city")
 shutil.copytree(demo, city)
-failed = []
-
-
-def check(good, what):
-    if not good:
-        failed.append(what)
-        print("FAILED:", what, flush=True)
-
-
-def shoot(browser, name):
-    if shots:
-        os.makedirs(shots, exist_ok=True)
-        browser.screenshot(f"{shots}/{name}.png")
 
 
 def first_picture(browser):
@@ -586,5 +571,4 @@ finally:
     code, err = server.stop()
 check(code == 0, f"the server ends with 0, not {code}: {err[-2000:]}")
 shutil.rmtree(work)
-print(f"{len(failed)} failed")
-sys.exit(bool(failed))
+finish()

@@ -14,6 +14,7 @@ import tempfile
 import threading
 import time
 
+from checks import check, finish
 from cities import change, made_city, new_city, quiet_run
 from client import Page, Server, http
 
@@ -24,13 +25,6 @@ SANITIZED = "CONURB_SLOW" in os.environ
 work = tempfile.mkdtemp(prefix="conurb-robust-")
 city = os.path.join(work, "city")
 shutil.copytree(demo, city)
-failed = []
-
-
-def check(good, what):
-    if not good:
-        failed.append(what)
-        print("FAILED:", what, flush=True)
 
 
 def settle(test, seconds=60):
@@ -423,5 +417,4 @@ check(code == 0, f"the server ends with 0, not {code}: {err[-3000:]}")
 for part in (killed_while_saving, while_it_trains, as_it_grows, beside_training, without_its_lens):
     timed(part)
 shutil.rmtree(work)
-print(f"{len(failed)} failed")
-sys.exit(bool(failed))
+finish()
