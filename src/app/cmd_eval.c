@@ -100,40 +100,18 @@ static void print_distances(const char *what, const cn_surface_distances *d)
     printf("\n");
 }
 
-static void print_json_thresholds(const char *key, const double values[CN_SURFACE_THRESHOLDS])
+/* Prints CITY/eval/geometry.json, which was written just now. */
+static cn_status print_fit_file(const char *folder)
 {
-    printf(", \"%s\": [", key);
-    for (int t = 0; t < CN_SURFACE_THRESHOLDS; t++)
-        if (values[t] - values[t] == 0)
-            printf("%s%.6f", t ? ", " : "", values[t]);
-        else
-            printf("%snull", t ? ", " : "");
-    printf("]");
-}
-
-static void print_distances_json(const char *key, const cn_surface_distances *d)
-{
-    printf(", \"%s\": {\"n\": %llu, ", key, (unsigned long long)d->n);
-    print_json_number("median_m", d->median_m);
-    printf(", ");
-    print_json_number("mean_m", d->mean_m);
-    print_json_thresholds("within", d->within);
-    printf("}");
-}
-
-/* The keys of CITY/eval/geometry.json. */
-static void print_fit_json(const cn_surface_fit *fit)
-{
-    printf("{\"sparse\": %s, \"unit\": \"%s\"", fit->sparse ? "true" : "false", fit->unit);
-    print_json_thresholds("thresholds_m", cn_surface_thresholds_m);
-    print_distances_json("from_reference", &fit->from_reference);
-    if (!fit->sparse) {
-        print_distances_json("from_mesh", &fit->from_mesh);
-        printf(", ");
-        print_json_number("chamfer_m", fit->chamfer_m);
-        print_json_thresholds("f_score", fit->f_score);
-    }
-    printf("}\n");
+    char path[4096], part[4096];
+    size_t n;
+    snprintf(path, sizeof path, "%s/eval/geometry.json", folder);
+    FILE *file = fopen(path, "rb");
+    if (!file) return cn_fail(CN_ERR_IO, "cannot read %s", path);
+    while ((n = fread(part, 1, sizeof part, file)) > 0)
+        fwrite(part, 1, n, stdout);
+    fclose(file);
+    return CN_OK;
 }
 
 static void print_fit(const cn_surface_fit *fit)
@@ -187,15 +165,13 @@ static cn_status check_options(const options *o)
     return CN_OK;
 }
 
-static cn_status eval_geometry(const cn_context *ctx, cn_city *city, const options *o)
+static cn_status eval_geometry(const cn_context *ctx, cn_city *city, const options *o, const char *folder)
 {
     const char *reference = strcmp(o->geometry, "points") == 0 ? NULL : o->geometry;
     cn_surface_fit fit;
     CN_TRY(cn_city_eval_geometry(ctx, city, reference, o->cube_m, o->depths, &fit));
-    if (o->json)
-        print_fit_json(&fit);
-    else
-        print_fit(&fit);
+    if (o->json) return print_fit_file(folder);
+    print_fit(&fit);
     return CN_OK;
 }
 
@@ -207,7 +183,7 @@ static cn_status run_eval(const cn_context *ctx, const cn_app_call *call)
     CN_TRY(check_options(o));
     CN_TRY(cn_city_open(&city, call->operands[0]));
     if (o->geometry) {
-        const cn_status fitted = eval_geometry(ctx, city, o);
+        const cn_status fitted = eval_geometry(ctx, city, o, call->operands[0]);
         cn_city_close(&city);
         return fitted;
     }
