@@ -92,9 +92,10 @@ CN_API void cn_side_turn(cn_side up, double cam_from_world[9]);
 
 /* Reads a COLMAP model, DIR/{cameras,images,points3D}.{bin,txt}; .bin when both exist. Newer models with rigs and
  * frames work too: their images file still holds the pose of every photo. Views are sorted by name; view.photo is
- * UINT32_MAX. The caller frees the scene with cn_scene_deinit; on failure it is empty. CN_ERR_FORMAT: a file is
- * damaged, or it has a lens model that cn_lens lacks; the message names the file and the byte or line. CN_ERR_IO:
- * there is no such folder. */
+ * UINT32_MAX. The caller frees the scene with cn_scene_deinit; on failure it is empty. Cameras with COLMAP's
+ * FULL_OPENCV, FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE or THIN_PRISM_FISHEYE become the nearest of cn_lens.
+ * CN_ERR_FORMAT: a file is damaged, or it has another lens model, or none of cn_lens is near enough; the message names
+ * the file and the byte or line. CN_ERR_IO: there is no such folder. */
 CN_API CN_NODISCARD cn_status cn_scene_read_colmap(cn_scene *scene, const char *dir);
 /* Writes binary files of COLMAP 3.8, each atomically, and makes the folder. Ids are indices + 1. Keypoints without a
  * point are not written, because a scene does not hold them. */

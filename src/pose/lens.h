@@ -18,6 +18,17 @@ const char *cn_lens_name(cn_lens lens);
 bool cn_lens_is_known(int id);           /* whether COLMAP's model id is one of cn_lens */
 int cn_lens_params(cn_lens lens);        /* number of parameters */
 int cn_lens_from_name(const char *name); /* COLMAP's model id, or -1 */
+
+/* Lens models of COLMAP that cn_lens lacks: FULL_OPENCV, FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and
+ * THIN_PRISM_FISHEYE, with COLMAP's ids and its order of parameters. */
+enum { CN_LENS_FOREIGN_PARAMS = 12 };
+int cn_lens_foreign_params(int id);              /* number of parameters; 0: none of these */
+int cn_lens_foreign_from_name(const char *name); /* COLMAP's id, or -1 */
+/* The nearest camera that cn_lens has. camera: id, width and height are set. *error_px: how far it is from that lens at
+ * most; 0 where it is the same. CN_ERR_FORMAT: a parameter is not finite, or no camera is near enough. `where` names
+ * the file. */
+CN_NODISCARD cn_status cn_lens_from_foreign(int id, const double *params, cn_camera *camera, const char *where,
+                                            double *error_px);
 cn_lens_view cn_lens_unpack(const cn_camera *camera);
 /* Where r (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) turns back: the smallest such r below `most`, or `most`. */
 double cn_lens_fold(const double k[4], double most);

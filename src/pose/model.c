@@ -21,7 +21,7 @@ bool cn_model_is_binary(const char *dir)
     return has(dir, "cameras.bin") || has(dir, "images.bin");
 }
 
-cn_status cn_scene_read_colmap(cn_scene *scene, const char *dir)
+cn_status cn_model_read(cn_scene *scene, const char *dir, double *lens_fit_px)
 {
     cn_raw_model raw = { 0 };
     cn_status status;
@@ -36,8 +36,14 @@ cn_status cn_scene_read_colmap(cn_scene *scene, const char *dir)
                          ".bin or .txt",
                          dir);
     if (status == CN_OK) status = cn_scene_from_raw(scene, &raw, dir);
+    if (lens_fit_px) *lens_fit_px = raw.lens_fit_px;
     cn_raw_model_deinit(&raw);
     return status;
+}
+
+cn_status cn_scene_read_colmap(cn_scene *scene, const char *dir)
+{
+    return cn_model_read(scene, dir, NULL);
 }
 
 /* images.bin begins with the number of photos. Text models are rare, so they are read completely. */

@@ -148,3 +148,16 @@ cn_status cn_scene_from_raw(cn_scene *scene, cn_raw_model *raw, const char *wher
     if (status != CN_OK) cn_scene_deinit(scene);
     return status;
 }
+
+cn_status cn_raw_set_lens(cn_raw_model *raw, cn_camera *camera, int lens, const double *params, const char *path)
+{
+    double error_px = 0;
+    if (cn_lens_is_known(lens)) {
+        camera->lens = (cn_lens)lens;
+        memcpy(camera->params, params, (size_t)cn_lens_params(camera->lens) * sizeof *params);
+        return CN_OK;
+    }
+    CN_TRY(cn_lens_from_foreign(lens, params, camera, path, &error_px));
+    if (error_px > raw->lens_fit_px) raw->lens_fit_px = error_px;
+    return CN_OK;
+}

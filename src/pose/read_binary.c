@@ -39,7 +39,7 @@ static cn_status no_memory(const cursor *c)
     return cn_fail(CN_ERR_NOMEM, "%s: out of memory", c->path);
 }
 
-static cn_status read_camera(cursor *c, cn_camera *camera)
+static cn_status read_camera(cursor *c, cn_raw_model *raw, cn_camera *camera)
 {
     int32_t model = -1;
     uint64_t size[2] = { 0 };
@@ -47,7 +47,7 @@ static cn_status read_camera(cursor *c, cn_camera *camera)
     CN_TRY(take(c, &camera->id, 4, "a camera"));
     CN_TRY(take(c, &model, 4, "a camera"));
     CN_TRY(take(c, size, 16, "a camera"));
-    if (!cn_lens_is_known(model))
+    if (!cn_lens_is_known(model) && !cn_lens_foreign_params(model))
         return cn_fail(CN_ERR_FORMAT,
                        "%s: byte %zu: camera %u has COLMAP lens model %d, which is not supported; "
                        "supported are " CN_LENS_NAMES " (undistort the photos with colmap "
@@ -55,10 +55,12 @@ static cn_status read_camera(cursor *c, cn_camera *camera)
                        c->path, at, camera->id, model);
     if (size[0] > UINT32_MAX || size[1] > UINT32_MAX)
         return cn_fail(CN_ERR_FORMAT, "%s: byte %zu: camera %u has an impossible size", c->path, at, camera->id);
-    camera->lens = (cn_lens)model;
     camera->width = (uint32_t)size[0];
     camera->height = (uint32_t)size[1];
-    return take(c, camera->params, (size_t)cn_lens_params(camera->lens) * 8, "a camera's parameters");
+    double params[CN_LENS_FOREIGN_PARAMS];
+    const int n = cn_lens_is_known(model) ? cn_lens_params((cn_lens)model) : cn_lens_foreign_params(model);
+    CN_TRY(take(c, params, (size_t)n * sizeof *params, "a camera's parameters"));
+    return cn_raw_set_lens(raw, camera, model, params, c->path);
 }
 
 static cn_status read_cameras(cursor *c, cn_raw_model *raw)
@@ -67,7 +69,7 @@ static cn_status read_cameras(cursor *c, cn_raw_model *raw)
     CN_TRY(take_count(c, 24 + 2 * 8, "cameras", &n));
     if (!(raw->cameras = calloc(n + 1, sizeof *raw->cameras))) return no_memory(c);
     for (; raw->n_cameras < n; raw->n_cameras++)
-        CN_TRY(read_camera(c, &raw->cameras[raw->n_cameras]));
+        CN_TRY(read_camera(c, raw, &raw->cameras[raw->n_cameras]));
     return CN_OK;
 }
 

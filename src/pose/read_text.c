@@ -108,25 +108,25 @@ static bool grow(void *list, uint64_t n, uint64_t *capacity, size_t size)
     return true;
 }
 
-static cn_status read_camera(text *t, cn_camera *camera)
+static cn_status read_camera(text *t, cn_raw_model *raw, cn_camera *camera)
 {
     char name[64];
     int length = 0;
     memset(camera, 0, sizeof *camera);
     if (!id32(t, &camera->id) || sscanf(t->at, " %63s%n", name, &length) != 1) return bad(t, "not a camera");
     t->at += length;
-    int lens = cn_lens_from_name(name);
-    if (lens < 0)
+    const int lens = cn_lens_from_name(name), foreign = cn_lens_foreign_from_name(name);
+    if (lens < 0 && foreign < 0)
         return cn_fail(CN_ERR_FORMAT,
                        "%s: line %zu: camera %u has lens model %s, which is not supported; supported "
                        "are " CN_LENS_NAMES " (undistort the photos with colmap image_undistorter, or "
                        "pose them again with one of these)",
                        t->path, t->line, camera->id, name);
-    camera->lens = (cn_lens)lens;
     if (!id32(t, &camera->width) || !id32(t, &camera->height)) return bad(t, "the camera has no size");
-    if (!numbers(t, camera->params, cn_lens_params(camera->lens)) || !at_end(t))
+    double params[CN_LENS_FOREIGN_PARAMS];
+    if (!numbers(t, params, lens < 0 ? cn_lens_foreign_params(foreign) : cn_lens_params((cn_lens)lens)) || !at_end(t))
         return bad(t, "the camera has the wrong number of parameters");
-    return CN_OK;
+    return cn_raw_set_lens(raw, camera, lens < 0 ? foreign : lens, params, t->path);
 }
 
 static cn_status read_cameras(text *t, cn_raw_model *raw)
@@ -134,7 +134,7 @@ static cn_status read_cameras(text *t, cn_raw_model *raw)
     uint64_t capacity = 0;
     while (next_record(t)) {
         if (!grow(&raw->cameras, raw->n_cameras, &capacity, sizeof *raw->cameras)) return no_memory(t);
-        CN_TRY(read_camera(t, &raw->cameras[raw->n_cameras]));
+        CN_TRY(read_camera(t, raw, &raw->cameras[raw->n_cameras]));
         raw->n_cameras++;
     }
     return t->said >= 0 && t->said != raw->n_cameras ? bad(t, "fewer or more cameras than its head says") : CN_OK;

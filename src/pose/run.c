@@ -59,7 +59,11 @@ static cn_status check_cameras(const cn_scene *scene, const char *where)
 
 static cn_status import_model(const cn_context *ctx, const cn_photo_index *index, const char *model, cn_scene *scene)
 {
-    cn_status status = cn_scene_read_colmap(scene, model);
+    double lens_fit_px;
+    cn_status status = cn_model_read(scene, model, &lens_fit_px);
+    if (status == CN_OK && lens_fit_px > 0.1)
+        cn_log(ctx, CN_LOG_INFO, "%s: its lens model is one that Conurb lacks; it is approximated within %.2f px",
+               model, lens_fit_px);
     if (status == CN_OK) status = check_cameras(scene, model);
     if (status == CN_OK) status = cn_pose_tie(ctx, scene, index, true, model);
     return status;

@@ -24,15 +24,24 @@ typedef struct cn_raw_model {
     uint32_t n_points; /* first_observation, n_observations: into tracks */
     cn_raw_track *tracks;
     uint64_t n_tracks;
+    double lens_fit_px; /* as in cn_model_read */
 } cn_raw_model;
 
 void cn_raw_model_deinit(cn_raw_model *raw);
 /* Checks ids, poses and numbers and fills `scene`, views sorted by name. `where` names the folder. */
 CN_NODISCARD cn_status cn_scene_from_raw(cn_scene *scene, cn_raw_model *raw, const char *where);
 
+/* Sets a camera's lens by COLMAP's id, one of cn_lens or of those in lens.h, with its parameters; id and size are set.
+ * CN_ERR_FORMAT as cn_lens_from_foreign. */
+CN_NODISCARD cn_status cn_raw_set_lens(cn_raw_model *raw, cn_camera *camera, int lens, const double *params,
+                                       const char *path);
+
 /* The two readers. `scene` files are DIR/{cameras,images,points3D}.{bin,txt}. */
 CN_NODISCARD cn_status cn_raw_read_binary(cn_raw_model *raw, const char *dir);
 CN_NODISCARD cn_status cn_raw_read_text(cn_raw_model *raw, const char *dir);
+/* cn_scene_read_colmap. *lens_fit_px, which may be NULL: the largest error of a camera whose lens model cn_lens lacks,
+ * by its nearest one; 0 where there is none. */
+CN_NODISCARD cn_status cn_model_read(cn_scene *scene, const char *dir, double *lens_fit_px);
 /* Whether a COLMAP model folder is read from its .bin files, not from its .txt files. */
 bool cn_model_is_binary(const char *dir);
 /* Number of registered photos of the model in DIR; 0 when there is none. */

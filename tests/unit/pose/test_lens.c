@@ -200,6 +200,90 @@ static void test_look_up(void **state)
     free(rgbw);
 }
 
+/* COLMAP's ids of lens models that cn_lens lacks. */
+enum { FULL_OPENCV = 6, FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, THIN_PRISM_FISHEYE };
+
+static double nearest_of(int id, const double *params, cn_camera *camera)
+{
+    double error_px;
+    *camera = (cn_camera){ .id = 1, .width = 640, .height = 480 };
+    assert_int_equal(cn_lens_from_foreign(id, params, camera, "cameras.txt", &error_px), CN_OK);
+    return error_px;
+}
+
+static void assert_near_pixel(const cn_camera *camera, double u, double v, const double at[2], double most_px)
+{
+    double px[2];
+    assert_true(cn_camera_project(camera, (const double[3]){ u, v, 1 }, px));
+    assert_true(hypot(px[0] - at[0], px[1] - at[1]) <= most_px);
+}
+
+/* Lenses that are one of cn_lens under another name. */
+static void test_foreign_is_the_same(void **state)
+{
+    (void)state;
+    cn_camera camera;
+    double at[2];
+    const cn_camera fisheye = { 1, CN_LENS_OPENCV_FISHEYE, 640, 480, { 200, 200, 320, 240, 0.02, -0.004 } },
+                    opencv = { 1, CN_LENS_OPENCV, 640, 480, { 500, 505, 322, 238, -0.25, 0.08, 0.002, -0.003 } },
+                    prism = { 1, CN_LENS_OPENCV_FISHEYE, 640, 480, { 200, 201, 320, 240, 0.02, -0.004, 1e-3, -2e-4 } };
+    assert_true(nearest_of(RADIAL_FISHEYE, (const double[]){ 200, 320, 240, 0.02, -0.004 }, &camera) == 0);
+    assert_true(cn_camera_project(&fisheye, (const double[3]){ 1.5, -0.7, 1 }, at));
+    assert_near_pixel(&camera, 1.5, -0.7, at, 1e-9);
+    assert_true(nearest_of(SIMPLE_RADIAL_FISHEYE, (const double[]){ 200, 320, 240, 0.02 }, &camera) == 0);
+    assert_true(camera.lens == CN_LENS_OPENCV_FISHEYE && camera.params[4] == 0.02 && camera.params[5] == 0);
+    const double full[12] = { 500, 505, 322, 238, -0.25, 0.08, 0.002, -0.003 };
+    assert_true(nearest_of(FULL_OPENCV, full, &camera) < 1e-2);
+    assert_true(cn_camera_project(&opencv, (const double[3]){ 0.5, -0.3, 1 }, at));
+    assert_near_pixel(&camera, 0.5, -0.3, at, 1e-2);
+    const double thin[12] = { 200, 201, 320, 240, 0.02, -0.004, 0, 0, 1e-3, -2e-4, 0, 0 };
+    assert_true(nearest_of(THIN_PRISM_FISHEYE, thin, &camera) < 1e-2);
+    assert_true(cn_camera_project(&prism, (const double[3]){ 1.2, -0.9, 1 }, at));
+    assert_near_pixel(&camera, 1.2, -0.9, at, 1e-2);
+}
+
+/* Lenses that cn_lens comes near to, against their formulas. */
+static void test_foreign_is_near(void **state)
+{
+    (void)state;
+    cn_camera camera;
+    const double full[12] = { 500, 505, 322, 238, 0.1, -0.02, 0.002, -0.003, 0.005, 0.15, 0.01, 0.001 };
+    double error_px = nearest_of(FULL_OPENCV, full, &camera);
+    assert_true(error_px > 0 && error_px < 0.5);
+    const double u = 0.45, v = -0.35, r2 = u * u + v * v,
+                 radial = (1 + 0.1 * r2 - 0.02 * r2 * r2 + 0.005 * r2 * r2 * r2) /
+                          (1 + 0.15 * r2 + 0.01 * r2 * r2 + 0.001 * r2 * r2 * r2),
+                 x = u * radial + 2 * 0.002 * u * v - 0.003 * (r2 + 2 * u * u),
+                 y = v * radial - 2 * 0.003 * u * v + 0.002 * (r2 + 2 * v * v);
+    assert_near_pixel(&camera, u, v, (const double[2]){ 500 * x + 322, 505 * y + 238 }, error_px + 1e-3);
+    error_px = nearest_of(FOV, (const double[]){ 500, 500, 320, 240, 0.9 }, &camera);
+    assert_true(error_px < 0.5);
+    const double bent = atan(2 * 0.5 * tan(0.45)) / 0.9;
+    assert_near_pixel(&camera, 0.5, 0, (const double[2]){ 500 * bent + 320, 240 }, error_px + 1e-3);
+    /* A prism that is thin as in photos of a museum's court by a reflex camera. */
+    const double thin[12] = { 360, 360, 320, 240, 0.21, 0.21, -5e-6, 5e-4, -0.158, 0.407, -8e-5, 9e-4 };
+    error_px = nearest_of(THIN_PRISM_FISHEYE, thin, &camera);
+    assert_true(error_px < 0.5);
+    const double r = hypot(u, v), angle = atan(r), a = angle * u / r, b = angle * v / r, s = angle * angle,
+                 grown = 1 + s * (0.21 + s * (0.21 + s * (-0.158 + s * 0.407)));
+    const double px[2] = { 360 * (a * grown - 2 * 5e-6 * a * b + 5e-4 * (s + 2 * a * a) - 8e-5 * s) + 320,
+                           360 * (b * grown + 2 * 5e-4 * a * b - 5e-6 * (s + 2 * b * b) + 9e-4 * s) + 240 };
+    assert_near_pixel(&camera, u, v, px, error_px + 1e-3);
+}
+
+static void test_foreign_is_too_far(void **state)
+{
+    (void)state;
+    cn_camera camera = { .id = 4, .width = 640, .height = 480 };
+    double error_px;
+    const double bent[12] = { 200, 200, 320, 240, 0, 0, 0.2, 0.3 }, lost[12] = { 200, NAN };
+    assert_int_equal(cn_lens_from_foreign(THIN_PRISM_FISHEYE, bent, &camera, "a/cameras.txt", &error_px),
+                     CN_ERR_FORMAT);
+    assert_non_null(strstr(cn_error_message(), "a/cameras.txt: camera 4 has lens model THIN_PRISM_FISHEYE"));
+    assert_int_equal(cn_lens_from_foreign(FOV, lost, &camera, "a", &error_px), CN_ERR_FORMAT);
+    assert_non_null(strstr(cn_error_message(), "finite"));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -212,6 +296,9 @@ int main(void)
         cmocka_unit_test(test_resize),
         cmocka_unit_test(test_pack),
         cmocka_unit_test(test_look_up),
+        cmocka_unit_test(test_foreign_is_the_same),
+        cmocka_unit_test(test_foreign_is_near),
+        cmocka_unit_test(test_foreign_is_too_far),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

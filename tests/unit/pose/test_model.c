@@ -220,7 +220,7 @@ static void test_bad_text(void **state)
     const struct {
         const char *file, *text, *says;
     } cases[] = {
-        { "cameras.txt", "1 FOV 640 480 500 500 320 240 0.9\n", "FOV" },
+        { "cameras.txt", "1 DIVISION 640 480 500 500 320 240 0.9\n", "DIVISION" },
         { "cameras.txt", "7 SIMPLE_RADIAL 640 480 500 320 240\n", "parameters" },
         { "cameras.txt", "7 SIMPLE_RADIAL 640 480 500 320 240 0 0\n", "parameters" },
         { "cameras.txt", "7 SIMPLE_RADIAL 0 480 500 320 240 0\n3 PINHOLE 1 1 1 1 1 1\n", "pixels" },
@@ -255,11 +255,27 @@ static void test_unsupported_lens_binary(void **state)
     size_t size;
     put_binary_model();
     take("cameras.bin", &data, &size);
-    data[12] = 10; /* the first camera's model: THIN_PRISM_FISHEYE */
+    data[12] = 11; /* the first camera's model: RAD_TAN_THIN_PRISM_FISHEYE */
     put("cameras.bin", data, size);
     free(data);
     assert_int_equal(read_now(), CN_ERR_FORMAT);
     assert_non_null(strstr(cn_error_message(), "OPENCV_FISHEYE"));
+}
+
+static void test_foreign_lens(void **state)
+{
+    (void)state;
+    cn_scene scene;
+    double fit_px;
+    static const char fisheye[] = "7 RADIAL_FISHEYE 640 480 500.5 320 240 -0.01 0.002\n"
+                                  "3 FULL_OPENCV 800 600 700 701 400 300 0.1 -0.02 0.003 -0.004 0.005 0.15 0.01 0\n";
+    put_text_model();
+    put("cameras.txt", fisheye, sizeof fisheye - 1);
+    assert_int_equal(cn_model_read(&scene, folder, &fit_px), CN_OK);
+    assert_true(fit_px > 0 && fit_px < 0.5);
+    assert_int_equal(scene.cameras[0].lens, CN_LENS_OPENCV_FISHEYE);
+    assert_int_equal(scene.cameras[1].lens, CN_LENS_OPENCV);
+    cn_scene_deinit(&scene);
 }
 
 static void test_keep_and_transform(void **state)
@@ -376,6 +392,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_flipped_bytes, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_bad_text, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_unsupported_lens_binary, make_folder, remove_folder),
+        cmocka_unit_test_setup_teardown(test_foreign_lens, make_folder, remove_folder),
         cmocka_unit_test_setup_teardown(test_keep_and_transform, make_folder, remove_folder),
         cmocka_unit_test(test_orientation),
         cmocka_unit_test(test_sizes),
