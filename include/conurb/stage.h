@@ -84,18 +84,19 @@ CN_API CN_NODISCARD cn_status cn_city_temporal_consistency(const cn_context *ctx
                                                            const cn_city_render_options *options,
                                                            cn_temporal_figures *figures, cn_seam_figures *seam);
 /* ---- appearances; `code` is an appearance as in cn_city_render_options ---- */
-/* A photo whose appearance can be used. exposure_ev: stops; NaN when EXIF lacks it. n_tiles: tiles that have it. */
+/* A photo whose appearance can be used, or a light that was imported or fitted. exposure_ev: stops; NaN when EXIF lacks
+ * it, and for a light. n_tiles: tiles that were trained on the photo. */
 typedef struct cn_appearance_entry {
     char *name;
     double exposure_ev;
     uint32_t n_tiles;
-    bool held_out;
+    bool held_out, is_light;
 } cn_appearance_entry;
 typedef struct cn_appearance_list {
     cn_appearance_entry *entries;
     uint32_t n;
 } cn_appearance_list;
-/* Lists the photos of all trained tiles. The caller frees the list with the _deinit. */
+/* Lists the photos of all trained tiles, then the lights with a name. The caller frees the list with the _deinit. */
 CN_API CN_NODISCARD cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appearance_list *list);
 CN_API void cn_appearance_list_deinit(cn_appearance_list *list);
 /* The rows of an appearance in every trained tile, as JSON. The caller frees *json with free(). */

@@ -8,12 +8,16 @@ static cn_status list(const cn_context *ctx, cn_city *city)
 {
     cn_appearance_list l;
     CN_TRY(cn_city_appearance_list(ctx, city, &l));
-    printf("%-40s %10s %6s\n", "photo", "EXIF stops", "tiles");
+    printf("%-40s %10s %6s\n", "photo or light", "EXIF stops", "tiles");
     for (uint32_t i = 0; i < l.n; i++) {
         const cn_appearance_entry *e = &l.entries[i];
         char ev[24] = "-";
         if (e->exposure_ev - e->exposure_ev == 0) snprintf(ev, sizeof ev, "%.2f", e->exposure_ev);
-        printf("%-40s %10s %6u%s\n", e->name, ev, e->n_tiles, e->held_out ? "  held out: fitted when asked for" : "");
+        if (e->is_light)
+            printf("%-40s %10s %6s  a light with a name\n", e->name, ev, "-");
+        else
+            printf("%-40s %10s %6u%s\n", e->name, ev, e->n_tiles,
+                   e->held_out ? "  held out: fitted when asked for" : "");
     }
     cn_appearance_list_deinit(&l);
     return CN_OK;
@@ -28,19 +32,36 @@ static cn_status show(const cn_context *ctx, cn_city *city, const char *code)
     return CN_OK;
 }
 
+/* Says what was written, once it is there. */
+static cn_status written(cn_status status, const char *path)
+{
+    if (status == CN_OK) printf("wrote %s\n", path);
+    return status;
+}
+
+static cn_status import(const cn_context *ctx, cn_city *city, const char *file, const char *name)
+{
+    CN_TRY(cn_city_appearance_import(ctx, city, file, name));
+    printf("the light '%s' is there for --appearance now\n", name);
+    return CN_OK;
+}
+
 static cn_status act(const cn_context *ctx, cn_city *city, const char *verb, const char *const words[2],
                      const char *out, double width)
 {
     if (strcmp(verb, "list") == 0) return list(ctx, city);
     if (strcmp(verb, "show") == 0) return show(ctx, city, words[0]);
     if (strcmp(verb, "export") == 0 && words[0] && words[1])
-        return cn_city_appearance_export(ctx, city, words[0], words[1]);
-    if (strcmp(verb, "import") == 0 && words[0] && words[1])
-        return cn_city_appearance_import(ctx, city, words[0], words[1]);
-    if (strcmp(verb, "sheet") == 0)
-        return cn_city_appearance_sheet(ctx, city, words[0], (uint32_t)width, out ? out : "sheet.png");
-    if (strcmp(verb, "transient") == 0 && words[0])
-        return cn_city_appearance_transient(ctx, city, words[0], out ? out : "transient.png");
+        return written(cn_city_appearance_export(ctx, city, words[0], words[1]), words[1]);
+    if (strcmp(verb, "import") == 0 && words[0] && words[1]) return import(ctx, city, words[0], words[1]);
+    if (strcmp(verb, "sheet") == 0) {
+        if (!out) out = "sheet.png";
+        return written(cn_city_appearance_sheet(ctx, city, words[0], (uint32_t)width, out), out);
+    }
+    if (strcmp(verb, "transient") == 0 && words[0]) {
+        if (!out) out = "transient.png";
+        return written(cn_city_appearance_transient(ctx, city, words[0], out), out);
+    }
     return cn_fail(
         CN_ERR_USAGE,
         "appearance %s: there is no such action, or a word after it is missing; see conurb appearance --help", verb);
@@ -84,7 +105,8 @@ const cn_app_command cn_app_appearance = {
     .about =
         "LIGHT is PHOTO (the light of that photo), mean, A:B:0.3 (a mix of A and B, which are photos, mean or names), "
         "FILE.json, fit:PHOTO, or an imported NAME. fit:PHOTO takes any photo of the place; COLMAP finds its pose.\n\n"
-        "list prints the photos whose light is known. show prints a light as JSON. export writes it to a file. import "
+        "list prints the photos whose light is known, and the lights with a name. show prints a light as JSON. export "
+        "writes it to a file. import "
         "gives such a file a name. sheet makes a picture of one view (that of PHOTO, or of the first photo) in every "
         "light. transient makes a picture of PHOTO beside what training took for people or cars in it, and its alpha.",
     .example = "conurb appearance beach export noon.jpg:dusk.jpg:0.5 between.json",

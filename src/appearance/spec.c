@@ -10,6 +10,7 @@
 #include "pose/scene.h"
 #include "tile/model.h"
 
+#include <dirent.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,8 +23,8 @@ static cn_status take_photo(char out[256], const char *name, size_t length, cons
     const int64_t photo = cn_photo_index_find(photos, wanted);
     if (photo < 0)
         return cn_fail(CN_ERR_USAGE,
-                       "--appearance: no photo is named '%s'; give a photo of photos.json, mean, A:B:0.3, FILE.json or "
-                       "fit:PHOTO (any file)",
+                       "no photo is named '%s', and no light; give one that `conurb appearance CITY list` shows, mean, "
+                       "A:B:0.3, FILE.json or fit:PHOTO (any file)",
                        wanted);
     snprintf(out, 256, "%s", photos->photos[photo].name);
     return CN_OK;
@@ -40,7 +41,7 @@ static cn_status take_fit(cn_appearance_spec *spec, const char *name, const cn_p
     CN_TRY(cn_path_absolute(name, &path));
     cn_status status = cn_hash_file(path, &hash);
     if (status == CN_OK && strlen(path) >= sizeof spec->a)
-        status = cn_fail(CN_ERR_USAGE, "--appearance: the path %s is too long; move the photo", path);
+        status = cn_fail(CN_ERR_USAGE, "the path %s is too long; move the photo", path);
     if (status == CN_OK) {
         snprintf(spec->a, sizeof spec->a, "%s", path);
         cn_hash_hex(hash, spec->b);
@@ -60,7 +61,7 @@ enum { MIX_MAX = 16 }; /* parts of a mix */
 static cn_status bad_mix(const char *text)
 {
     return cn_fail(CN_ERR_USAGE,
-                   "--appearance %s: a mix is A:B:0.3: two photos, mean or names of lights, and a number from 0 (the "
+                   "%s: a mix is A:B:0.3: two photos, mean or names of lights, and a number from 0 (the "
                    "first) to 1 (the second); more follow with their share, A:B:0.3:C:0.2, up to %d",
                    text, (int)MIX_MAX);
 }
@@ -75,10 +76,36 @@ static cn_status load_file(cn_appearance_spec *spec, const char *path)
                    "%s holds no appearance ('tiles' is missing); `conurb appearance CITY export` writes one", path);
 }
 
+/* Folders of a city whose files NAME.json are lights with a name. */
+static const char *const folders[] = { "appearances", CN_APPEARANCE_FITTED };
+
+static void add_lights(const char *folder, json_t *out)
+{
+    struct dirent **found = NULL;
+    const int n = scandir(folder, &found, NULL, alphasort);
+    for (int i = 0; i < n; i++) {
+        const char *name = found[i]->d_name;
+        if (name[0] != '.' && ends_with(name, ".json"))
+            json_array_append_new(out, json_stringn(name, strlen(name) - strlen(".json")));
+        free(found[i]);
+    }
+    free(found);
+}
+
+json_t *cn_appearance_lights(const cn_city *city)
+{
+    json_t *out = json_array();
+    for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
+        char *folder = cn_city_path(city, folders[i]);
+        if (folder) add_lights(folder, out);
+        free(folder);
+    }
+    return out;
+}
+
 /* CITY/appearances/NAME.json or CITY/views/fitted/NAME.json, if it exists; the caller frees it. */
 static char *named(const cn_city *city, const char *name)
 {
-    static const char *const folders[] = { "appearances", CN_APPEARANCE_FITTED };
     for (size_t i = 0; i < sizeof folders / sizeof *folders && !strchr(name, '/'); i++) {
         char *relative = cn_format("%s/%s.json", folders[i], name);
         char *path = relative ? cn_city_path(city, relative) : NULL;

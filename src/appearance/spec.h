@@ -38,6 +38,9 @@ typedef struct cn_appearance_spec {
 CN_NODISCARD cn_status cn_appearance_spec_parse(cn_appearance_spec *spec, const char *text, const cn_city *city,
                                                 const cn_photo_index *photos);
 void cn_appearance_spec_deinit(cn_appearance_spec *spec);
+/* Names of the lights that were imported, and of those that were fitted here, as an array of JSON, each sorted. The
+ * caller calls json_decref. */
+json_t *cn_appearance_lights(const cn_city *city);
 /* A hash of everything that the appearance depends on, except the tiles. */
 uint64_t cn_appearance_spec_hash(const cn_appearance_spec *spec, uint64_t hash);
 /* The text as on the command line, for metadata: UTF-8, with '?' for each byte of a path that is none. */

@@ -173,13 +173,22 @@ cn_status cn_city_appearance_import(const cn_context *ctx, cn_city *city, const 
     return status;
 }
 
+static cn_status add_entry(cn_appearance_list *list, const char *name, cn_appearance_entry entry)
+{
+    entry.name = strdup(name);
+    if (!entry.name) return cn_fail(CN_ERR_NOMEM, "out of memory");
+    list->entries[list->n++] = entry;
+    return CN_OK;
+}
+
 cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appearance_list *list)
 {
     desk d;
     *list = (cn_appearance_list){ 0 };
+    json_t *lights = cn_appearance_lights(city);
     cn_status status = desk_open(&d, ctx, city);
     if (status == CN_OK) {
-        list->entries = calloc(d.m.scene.n_views + 1u, sizeof *list->entries);
+        list->entries = calloc(d.m.scene.n_views + json_array_size(lights) + 1, sizeof *list->entries);
         if (!list->entries) status = cn_fail(CN_ERR_NOMEM, "out of memory");
     }
     for (uint32_t v = 0; status == CN_OK && v < d.m.scene.n_views; v++) {
@@ -193,13 +202,12 @@ cn_status cn_city_appearance_list(const cn_context *ctx, cn_city *city, cn_appea
             for (uint32_t k = 0; k < t->n_held_out; k++)
                 entry.held_out = entry.held_out || t->held_out[k] == v;
         }
-        if (!entry.n_tiles && !entry.held_out) continue;
-        entry.name = strdup(name);
-        if (!entry.name)
-            status = cn_fail(CN_ERR_NOMEM, "out of memory");
-        else
-            list->entries[list->n++] = entry;
+        if (entry.n_tiles || entry.held_out) status = add_entry(list, name, entry);
     }
+    for (size_t i = 0; status == CN_OK && i < json_array_size(lights); i++)
+        status = add_entry(list, json_string_value(json_array_get(lights, i)),
+                           (cn_appearance_entry){ .exposure_ev = NAN, .is_light = true });
+    json_decref(lights);
     desk_close(&d);
     if (status != CN_OK) cn_appearance_list_deinit(list);
     return status;

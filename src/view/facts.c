@@ -71,30 +71,6 @@ static json_t *texts(const char *const *list)
     return out;
 }
 
-/* Adds the lights of a folder of the city. */
-static void add_lights(const cn_city *city, const char *folder, json_t *out)
-{
-    char *path = cn_city_path(city, folder);
-    DIR *dir = path ? opendir(path) : NULL;
-    const char *name = NULL;
-    while (dir && cn_folder_next(dir, path, &name) == CN_OK && name) {
-        const size_t n = strlen(name);
-        if (n > 5 && strcmp(name + n - 5, ".json") == 0 && name[0] != '.')
-            json_array_append_new(out, json_stringn(name, n - 5));
-    }
-    if (dir) closedir(dir);
-    free(path);
-}
-
-/* Lights with a name: imported ones, and those that were fitted here. */
-static json_t *named_lights(const cn_city *city)
-{
-    json_t *out = json_array();
-    add_lights(city, "appearances", out);
-    add_lights(city, CN_APPEARANCE_FITTED, out);
-    return out;
-}
-
 /* Adds to each of the page's views the number of its capture run, where the photos are of several. */
 static void number_runs(const cn_dataset *d, json_t *views)
 {
@@ -145,9 +121,9 @@ json_t *cn_facts_city(const cn_city *city, const cn_dataset *d, const cn_colour 
     json_t *out =
         json_pack("{s:s, s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:i, s:i, s:b, s:s}", "name", cn_path_base(folder),
                   "version", cn_version(), "frame", frame_facts(&d->frame), "tiles", tiles, "views", views_facts(d),
-                  "blends", blends, "display_views", texts(cn_colour_views(colour)), "named", named_lights(city),
-                  "points", (int)d->scene.n_points, "n_views", (int)d->scene.n_views, "pixels", d->pixels != NULL,
-                  "blend", cn_blend_name(city->config.compose.scheme));
+                  "blends", blends, "display_views", texts(cn_colour_views(colour)), "named",
+                  cn_appearance_lights(city), "points", (int)d->scene.n_points, "n_views", (int)d->scene.n_views,
+                  "pixels", d->pixels != NULL, "blend", cn_blend_name(city->config.compose.scheme));
     free(absolute);
     if (out) number_runs(d, json_object_get(out, "views"));
     if (out) json_object_set_new(out, "trained", trained_facts(city, d));

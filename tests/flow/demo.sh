@@ -29,6 +29,13 @@ expect 0 "2 frames" "relighting" "$conurb" relight "$work/demo" --photo "$view" 
 [ "$("$pictures" differ "$work/relit/00000.png" "$work/day/00000.png")" = 0 ] && good ||
     bad "relighting does not begin by day"
 [ "$("$pictures" differ "$work/relit/00001.png" "$work/day/00000.png")" -gt 64 ] && good || bad "night looks like day"
+# A light with a name is listed, and serves where a photo does.
+expect 0 "wrote $work/noon.json" "a light in a file" \
+    "$conurb" appearance "$work/demo" export "$day" "$work/noon.json"
+expect 0 "'noon' is there" "a light with a name" "$conurb" appearance "$work/demo" import "$work/noon.json" noon
+expect 0 "a light with a name" "its place in the list" "$conurb" appearance "$work/demo" list
+expect 2 "no photo is named 'darker', and no light" "a light that is not there" "$conurb" relight "$work/demo" \
+    --from "$day" --to darker
 # Compare with the pictures made with the tiles; instruction sets may round differently.
 for light in day night; do
     [ $light = day ] && frame=00000 || frame=00001
