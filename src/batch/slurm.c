@@ -237,11 +237,49 @@ static cn_status submit_job(handed *h, const cn_submit_job *job)
     return status;
 }
 
+/* The most that a node of the cluster has. 0: not known. */
+typedef struct largest_node {
+    unsigned long cpus, memory_mb;
+} largest_node;
+
+/* A line is "64 257000", or "64+ 257000+" where nodes differ; the larger ones are not known then. */
+static void read_node(void *user, char *line)
+{
+    largest_node *most = user;
+    char *rest = NULL;
+    const unsigned long cpus = strtoul(line, &rest, 10), memory_mb = strtoul(rest + (*rest == '+'), NULL, 10);
+    if (cpus > most->cpus) most->cpus = cpus;
+    if (memory_mb > most->memory_mb) most->memory_mb = memory_mb;
+}
+
+/* A job that asks for more processors than any node has waits for ever, and Slurm says nothing. So jobs ask for no more
+ * than the largest node has, unless the user says how many. What poses need is a guess, so that holds for their memory
+ * too. */
+static cn_status fit_to_nodes(cn_submission *s)
+{
+    static const char *const argv[] = { "sinfo", "--noheader", "--Node", "--format=%c %m", NULL };
+    largest_node most = { 0 };
+    int code = 0;
+    const cn_status status = cn_process_run(s->ctx, argv, "/dev/null", read_node, &most, &code);
+    if (status == CN_ERR_INTERRUPTED) return status;
+    for (uint32_t i = 0; status == CN_OK && code == 0 && i < s->n_jobs; i++) {
+        cn_submit_job *job = &s->jobs[i];
+        if (most.cpus && !s->options->cpus && job->cpus > most.cpus) {
+            job->minutes = (uint32_t)((uint64_t)job->minutes * job->cpus / most.cpus);
+            job->cpus = (uint32_t)most.cpus;
+        }
+        if (most.memory_mb && job->memory_mb == CN_PREPARE_MB && job->memory_mb > most.memory_mb)
+            job->memory_mb = (uint32_t)most.memory_mb;
+    }
+    return CN_OK;
+}
+
 cn_status cn_submit_slurm(cn_submission *s)
 {
     if (strchr(s->city->folder, '\n'))
         return cn_fail(CN_ERR_USAGE, "%s: a script for Slurm cannot name a folder with a line break; rename it",
                        s->city->folder);
+    CN_TRY(fit_to_nodes(s));
     char *path = cn_city_path(s->city, CN_SUBMISSION);
     handed h = { .s = s, .record = path ? record_so_far(path) : NULL, .path = path };
     cn_status status = h.record ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");

@@ -121,6 +121,16 @@ grep -q "submit again" "$work/out" && good || bad "it does not say that other st
 holds "$town" train=3
 expect 0 "kubernetes.yaml" "submit of a quality" "$conurb" submit "$town" --engine kubernetes --dry-run --quality high
 grep -q -- "--quality high" "$town/jobs/kubernetes.yaml" && good || bad "the pods train another quality"
+# A job that asked for more than any node has would wait for ever.
+cp -a "$town" "$work/bare"
+rm -r "$work/bare/plan" "$work/bare/jobs"
+mkdir "$work/two-nodes"
+printf '#!/bin/sh\necho "1 4000"\necho "2 6000"\n' >"$work/two-nodes/sinfo"
+chmod +x "$work/two-nodes/sinfo"
+PATH=$work/two-nodes:$PATH expect 0 "prepare=" "submit to small nodes" \
+    "$conurb" submit "$work/bare" --engine slurm --dry-run
+grep -q -- "--cpus-per-task=2$" "$work/bare/jobs"/prepare*.sbatch &&
+    grep -q -- "--mem=6000M$" "$work/bare/jobs"/prepare*.sbatch && good || bad "a job asks for more than a node has"
 # When the tiles are trained, the match, and then the frames.
 expect 0 "kubernetes.yaml" "submit of the match" "$conurb" submit "$work/trained" --engine kubernetes --dry-run
 holds "$work/trained" match=1
