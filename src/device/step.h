@@ -173,7 +173,6 @@ typedef struct cn_step_settings {
     uint32_t n_sparse;                        /* sparse depth samples to draw from in this step; 0: none are drawn */
     uint32_t has_uv, depth_along_ray, stereo; /* stereo: the depth maps are from stereo */
     uint32_t no_sky;                          /* cn_lead of src/train/sampler.h */
-    uint32_t charbonnier;                     /* as in cn_shade of src/train/shade.h */
     float near_t, log_ratio;                  /* log_ratio: natural logarithm of ratio */
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
     float pose_keep;  /* what a step leaves of a pose's refinement */

@@ -86,7 +86,6 @@ typedef struct cn_effect {
     bool wants_uv;
     bool wants_sky_hints;  /* `loss` is told where photos show sky */
     bool wants_runs;       /* `project` is told which capture run each photo is of */
-    bool weighs_errors;    /* its `loss` takes large errors down, so the loss of colours does not (train/shade.h) */
     bool wants_support;    /* once it takes part, what only one photo shows has a cost (train/support.h) */
     bool wants_vignetting; /* training sees the photos without their vignetting (vignetting.h) */
     bool wants_stereo;     /* depths by stereo of the photos lead the field in the first half of the schedule */
@@ -178,7 +177,6 @@ typedef struct cn_effect_pack {
     size_t n_constants, n_photo, n_shared, saved;
     uint32_t n_rows; /* photos */
     bool wants_uv, wants_sky_hints, moves_rays, own_rates, wants_runs, wants_support, wants_stereo, wants_vignetting;
-    bool weighs_errors;
     bool single_view; /* an effect with wants_support takes part: what only one photo shows has a cost */
 } cn_effect_pack;
 /* Packs the named effects in the order of the registry, for n_photos rows. CN_ERR_CONFIG on an unknown name. */

@@ -39,7 +39,6 @@ static void pack_one(cn_effect_pack *pack, const cn_effect *effect)
     pack->moves_rays = pack->moves_rays || effect->ray;
     pack->wants_runs = pack->wants_runs || effect->wants_runs;
     pack->wants_support = pack->wants_support || effect->wants_support;
-    pack->weighs_errors = pack->weighs_errors || effect->weighs_errors;
     pack->wants_stereo = pack->wants_stereo || effect->wants_stereo;
     pack->wants_vignetting = pack->wants_vignetting || effect->wants_vignetting;
     pack->own_rates = pack->own_rates || effect->rate > 0;

@@ -20,7 +20,7 @@ cn_shade cn_trainer_shade(const cn_trainer *t, uint32_t group)
         .rays = cn_train_effects_rays(b, group),
         .target = b->target + 4 * (size_t)group * CN_GROUP,
         .scale = 1.0f / (3.0f * (float)(b->counts->kept_rays ? b->counts->kept_rays : 1)),
-        .charbonnier = !t->effects.pack.weighs_errors,
+        .charbonnier = true,
     };
 }
 

@@ -271,7 +271,6 @@ void cn_train_device_step(cn_trainer *t, cn_lead lead)
     s->cue_weight = cn_trainer_cue_weight(t);
     s->cue_deviation = cn_trainer_cue_deviation(t);
     s->prior_weight = cn_monitor_prior_weight(&t->monitor);
-    s->charbonnier = !t->effects.pack.weighs_errors;
     d->step.by_processor[CN_OP_SHADE] = !set_terms(&t->losses, &s->terms);
     cn_train_device_effects(t);
     d->step.by_processor[CN_OP_RAYS] = d->step.by_processor[CN_OP_SHADE] || s->effects_by_processor;

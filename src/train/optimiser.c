@@ -10,7 +10,8 @@
 #define WARM_STEPS 20.0 /* warm-up: short steps until Adam's moments have converged. Not measured apart */
 /* The learning rate stays at its full value for CN_RATE_HELD of the schedule, because only long steps remove what
  * long steps have put in mid-air. Then it falls to this part of itself, and the surfaces converge. Tuned on fox with
- * a minute of training: 2 dB better than a fall to 1/30 from the start. */
+ * a minute of training: 2 dB better than a fall to 1/30 from the start; no worse than others on castle, sceaux and
+ * herz-jesus (tests/bench/experiments.md). */
 #define RATE_LAST 0.05
 
 void cn_optimiser_carve(cn_optimiser *o, cn_arena *arena, size_t n, const cn_effect_pack *pack)

@@ -15,7 +15,7 @@ layout(std430, binding = 0) readonly buffer Settings {
     uint effects, projects, effects_by_processor, n_photos, at_shared;
     uint at_appearance, column_appearance, at_sky, at_sky_head, at_exposure, constants_exposure;
     uint at_transient, at_transient_head, at_pose, constants_pose;
-    uint seed[2], n_sparse, has_uv, depth_along_ray, stereo, no_sky, charbonnier;
+    uint seed[2], n_sparse, has_uv, depth_along_ray, stereo, no_sky;
     float near_t, log_ratio;
     float far_t, ratio, march_step, inv_extent, late, cue_weight, cue_deviation, prior_weight;
     float pose_keep, remembered, cell_decay;

@@ -386,10 +386,8 @@ void main()
         d_cost = scale * asked * (1 + VEIL) * VEIL / (veil * veil) * (1 - alpha);
         d *= factor;
     }
-    if (s.charbonnier != 0) { // large errors count less: see train/shade.c
-        const float b = max(quartile_of(scale > 0 ? error : -1), LEAST_QUARTILE);
-        d /= sqrt(1 + error / b);
-    }
+    // Large errors count less: see train/shade.c.
+    d /= sqrt(1 + error / max(quartile_of(scale > 0 ? error : -1), LEAST_QUARTILE));
     if (part == 0) {
         sum_of[i] = good ? vec4(error, factor * error, factor, 1) : vec4(0);
         bad_of[i] = counts && !good ? 1 : 0;

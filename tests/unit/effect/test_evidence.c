@@ -70,7 +70,7 @@ static void test_transient_of_long_tracks(void **state)
 }
 
 /* Photos by many cameras have more evidence, if they are many. Those of a camera that is turned are by one. */
-static void test_strangers(void **state)
+static void test_strangers_and_few_photos(void **state)
 {
     (void)state;
     static wall w;
@@ -89,6 +89,10 @@ static void test_strangers(void **state)
     assert_true(fabs(effect->evidence(&input, &w.tile) - seen - 0.03) < 1e-12);
     w.tile.n_photos = 19;
     assert_true(fabs(effect->evidence(&input, &w.tile) - cn_tracks_transient(&input, &w.tile)) < 1e-12);
+    /* Of few photos, the layer would take the scene itself. */
+    w.tile.n_photos = 14;
+    const double few = effect->evidence(&input, &w.tile), of_few = cn_tracks_transient(&input, &w.tile);
+    assert_true(of_few > 0.1 && fabs(few - 0.05 * of_few) < 1e-12);
     wall_deinit(&w);
 }
 
@@ -321,7 +325,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = { cmocka_unit_test(test_transient),
                                         cmocka_unit_test(test_transient_of_long_tracks),
-                                        cmocka_unit_test(test_strangers),
+                                        cmocka_unit_test(test_strangers_and_few_photos),
                                         cmocka_unit_test(test_stereo_depth),
                                         cmocka_unit_test(test_exposure),
                                         cmocka_unit_test(test_vignetting),
