@@ -4,6 +4,7 @@
 #include "pose/lens.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -21,8 +22,8 @@ static const struct {
 enum { N_FOREIGN = sizeof FOREIGN / sizeof *FOREIGN };
 
 /* Rays that the fit is made with: so many directions about the axis, and a step along each. */
-enum { SPOKES = 48, STEPS_A_SPOKE = 360 };
-#define STEP_DEG 0.5
+enum { SPOKES = 32, STEPS_A_SPOKE = 180 };
+#define STEP_DEG 1.0
 #define MOST_ERROR 1e-3 /* of the longer side: a pixel at working widths */
 
 static int place_of(int id)
@@ -162,10 +163,11 @@ cn_status cn_lens_from_foreign(int id, const double *params, cn_camera *camera, 
         return CN_OK;
     }
     CN_TRY(approximate(id, params, camera, error_px));
-    const double most = MOST_ERROR * fmax(camera->width, camera->height);
-    if (*error_px <= most) return CN_OK;
+    if (*error_px <= MOST_ERROR * fmax(camera->width, camera->height)) return CN_OK;
+    char far[48] = "";
+    if (isfinite(*error_px)) snprintf(far, sizeof far, ", the nearest %.1f pixels off", *error_px);
     return cn_fail(CN_ERR_FORMAT,
-                   "%s: camera %u has lens model %s, and no lens model of Conurb (" CN_LENS_NAMES
-                   ") comes nearer to it than %.1f pixels; undistort the photos with colmap image_undistorter",
-                   where, camera->id, FOREIGN[place_of(id)].name, isfinite(*error_px) ? *error_px : 9999.9);
+                   "%s: camera %u has lens model %s at %u x %u pixels, and no lens model of Conurb (" CN_LENS_NAMES
+                   ") is near it%s; undistort the photos with colmap image_undistorter",
+                   where, camera->id, FOREIGN[place_of(id)].name, camera->width, camera->height, far);
 }
