@@ -115,6 +115,8 @@ cn_status cn_desk_film_show(const cn_desk *k, const cn_question *q)
     size_t size = 0;
     cn_out *out = NULL;
     cn_status status = path ? CN_OK : cn_fail(CN_ERR_NOMEM, "out of memory");
+    if (status == CN_OK && !q->ask.frame && !cn_file_exists(path))
+        status = cn_fail(CN_ERR_USAGE, "the path '%s' has no film yet; press 'Render this path' first", q->ask.name);
     if (status == CN_OK) status = cn_file_read(path, CN_FILM_SHOWN, &bytes, &size);
     json_t *head = json_pack("{s:s, s:I, s:s}", "type", "film_file", "id", (json_int_t)q->ask.id, "name", q->ask.name);
     const cn_frame_data data = { NULL, 0, bytes, size };

@@ -206,6 +206,11 @@ def films():
         check(False, "a picture that the film does not have is refused")
     except RuntimeError as error:
         check("09998.png" in str(error), f"a picture that the film does not have: {error}")
+    try:
+        page.ask("film_show", name="no-film")
+        check(False, "a film that was not made is refused")
+    except RuntimeError as error:
+        check("'no-film' has no film yet" in str(error), f"a film that was not made: {error}")
     first = page.ask("film_show", name="round", frame=1)[2]
     done = made_film(page, exposure_ev=2, display_view="Raw")
     check(done["state"] == "done" and page.ask("film_show", name="round", frame=1)[2] != first,
