@@ -139,26 +139,38 @@ static cn_status train_one(const cn_context *ctx, const cn_city *city, const cn_
     return status;
 }
 
-/* The failures of some tiles, while the others were trained. */
+/* The failures of some tiles, while the others were trained. Each was logged when it came; the last line has the reason
+ * of one, and the names of a few others. */
 typedef struct failures {
     cn_status first;
+    const char *id; /* of the tile whose reason it is */
     uint32_t n;
-    char text[700];
+    char why[500], others[150];
 } failures;
+
+static void note_other(failures *f, const char *id)
+{
+    enum { FEW = 3 };
+    const size_t used = strlen(f->others);
+    const uint32_t n = f->n - 1;
+    if (n <= FEW) snprintf(f->others + used, sizeof f->others - used, "%s %s", n == 1 ? "; also" : ",", id);
+    if (n == FEW + 1) snprintf(f->others + used, sizeof f->others - used, ", ...");
+}
 
 static void note_failure(failures *f, const cn_city *city, const char *id, cn_status status)
 {
-    const size_t used = strlen(f->text);
     const char *why = cn_error_message();
-    /* A tile that another process trains is no failure, and does not replace the status of a real one. */
-    if (!f->n || f->first == CN_ERR_LOCKED) f->first = status;
+    /* A tile that another process trains is no failure, and gives way to a real one. */
+    const bool first = !f->n || (f->first == CN_ERR_LOCKED && status != CN_ERR_LOCKED);
     f->n++;
-    if (used + 8 >= sizeof f->text) return;
+    if (f->n > 1) note_other(f, first ? f->id : id);
+    if (!first) return;
+    f->first = status;
+    f->id = id;
     if (status == CN_ERR_LOCKED)
-        snprintf(f->text + used, sizeof f->text - used, "; %s: %s", id, why);
+        snprintf(f->why, sizeof f->why, "%s: %s", id, why);
     else
-        snprintf(f->text + used, sizeof f->text - used, "; %s: %s (its log: %s/tiles/%s/log.jsonl)", id, why,
-                 city->folder, id);
+        snprintf(f->why, sizeof f->why, "%s: %s (its log: %s/tiles/%s/log.jsonl)", id, why, city->folder, id);
 }
 
 /* The tiles of a city in training; with several devices, several at the same time. */
@@ -193,7 +205,8 @@ static cn_status train_all(const cn_context *ctx, const cn_city *city, const cn_
     CN_TRY(cn_stage_plan(city, &t.plan));
     CN_TRY(cn_devices_run(ctx, m->plan.n_tiles, train_next, &t));
     if (!t.failed.n) return CN_OK;
-    return cn_fail(t.failed.first, "%u of %u tiles not trained%s", t.failed.n, m->plan.n_tiles, t.failed.text);
+    return cn_fail(t.failed.first, "%u of %u tiles not trained; %s%s", t.failed.n, m->plan.n_tiles, t.failed.why,
+                   t.failed.others);
 }
 
 static cn_status train_only(const cn_context *ctx, const cn_city *city, const cn_dataset *m, const char *id,

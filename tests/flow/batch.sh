@@ -58,6 +58,12 @@ mkdir "$town/tiles" && : >"$town/tiles/${tiles[1]}"
 expect 6 "1 of 3 tiles not trained; ${tiles[1]}: cannot make the folder" "one of three tiles fails" "$conurb" run \
     "$town"
 [ -e "$town/tiles/${tiles[2]}/DONE" ] && [ -e "$town/renders/flight/00002.png" ] && good || bad "the rest was not made"
+# Of several that fail, the last line has one reason and the names of the others.
+mv "$town/tiles/${tiles[2]}" "$work/kept" && : >"$town/tiles/${tiles[2]}"
+expect 6 "2 of 3 tiles not trained; ${tiles[1]}: cannot make the folder" "two of three tiles fail" "$conurb" train \
+    "$town"
+grep -q "log.jsonl); also ${tiles[2]}$" "$work/out" && good || bad "the last line does not name the other tile"
+rm "$town/tiles/${tiles[2]}" && mv "$work/kept" "$town/tiles/${tiles[2]}"
 rm "$town/tiles/${tiles[1]}"
 expect 0 "flight" "the tile is mended" "$conurb" run "$town"
 
