@@ -106,9 +106,9 @@ const cn_app_command cn_app_appearance = {
         "LIGHT is PHOTO (the light of that photo), mean, A:B:0.3 (a mix of A and B, which are photos, mean or names), "
         "FILE.json, fit:PHOTO, or an imported NAME. fit:PHOTO takes any photo of the place; COLMAP finds its pose.\n\n"
         "list prints the photos whose light is known, and the lights with a name. show prints a light as JSON. export "
-        "writes it to a file. import "
-        "gives such a file a name. sheet makes a picture of one view (that of PHOTO, or of the first photo) in every "
-        "light. transient makes a picture of PHOTO beside what training took for people or cars in it, and its alpha.",
+        "writes it to a file. import gives such a file a name. sheet makes a picture of one view (that of PHOTO, or of "
+        "the first photo) in every light. transient makes a picture of PHOTO beside what training took for people or "
+        "cars in it, and its alpha.",
     .example = "conurb appearance beach export noon.jpg:dusk.jpg:0.5 between.json",
     .verbs = "list show export import sheet transient",
     .max_operands = 4,

@@ -253,8 +253,8 @@ static void read_node(void *user, char *line)
 }
 
 /* A job that asks for more processors than any node has waits for ever, and Slurm says nothing. So jobs ask for no more
- * than the largest node has, unless the user says how many. What poses need is a guess, so that holds for their memory
- * too. */
+ * than the largest node has, unless the user says how many. What poses need is a guess: it stays as long, and has no
+ * more memory than a node either. */
 static cn_status fit_to_nodes(cn_submission *s)
 {
     static const char *const argv[] = { "sinfo", "--noheader", "--Node", "--format=%c %m", NULL };
@@ -264,12 +264,12 @@ static cn_status fit_to_nodes(cn_submission *s)
     if (status == CN_ERR_INTERRUPTED) return status;
     for (uint32_t i = 0; status == CN_OK && code == 0 && i < s->n_jobs; i++) {
         cn_submit_job *job = &s->jobs[i];
+        const bool guess = is(job, "prepare") || is(job, "merge");
         if (most.cpus && !s->options->cpus && job->cpus > most.cpus) {
-            job->minutes = (uint32_t)((uint64_t)job->minutes * job->cpus / most.cpus);
+            if (!guess) job->minutes = (uint32_t)((uint64_t)job->minutes * job->cpus / most.cpus);
             job->cpus = (uint32_t)most.cpus;
         }
-        if (most.memory_mb && job->memory_mb == CN_PREPARE_MB && job->memory_mb > most.memory_mb)
-            job->memory_mb = (uint32_t)most.memory_mb;
+        if (guess && most.memory_mb && job->memory_mb > most.memory_mb) job->memory_mb = (uint32_t)most.memory_mb;
     }
     return CN_OK;
 }

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { TASK_S = 7200, MOST_CPUS = 32, PREPARE_MINUTES = 24 * 60 };
+enum { TASK_S = 7200, MOST_CPUS = 32, PREPARE_CPUS = 4, PREPARE_MINUTES = 24 * 60, PREPARE_MB = 8192 };
 enum { TURN_S = 120 }; /* longer than the lock of a machine that failed is held */
 
 /* Enough processors for the longest task to take about two hours. Ask for three times the estimated time (1.2 times a
@@ -85,16 +85,16 @@ static void add_preparation(cn_submission *s, const cn_city_state *state, const 
 {
     if (in_queue(state, "poses", "") || in_queue(state, "plan", "")) return;
     s->jobs[s->n_jobs++] = (cn_submit_job){ .stage = stage,
-                                            .cpus = s->options->cpus ? s->options->cpus : CN_PREPARE_CPUS,
+                                            .cpus = s->options->cpus ? s->options->cpus : PREPARE_CPUS,
                                             .minutes = PREPARE_MINUTES,
-                                            .memory_mb = CN_PREPARE_MB };
+                                            .memory_mb = PREPARE_MB };
 }
 
 /* An array of the groups that are due, and the job that merges all. */
 static cn_status add_groups(cn_submission *s, const cn_city_state *state)
 {
     CN_TRY(add_job(s, "group", state));
-    if (s->n_jobs && !s->options->cpus) s->jobs[0].cpus = CN_PREPARE_CPUS;
+    if (s->n_jobs && !s->options->cpus) s->jobs[0].cpus = PREPARE_CPUS;
     cn_submit_find_live(state, "group", s->live);
     add_preparation(s, state, "merge");
     return CN_OK;

@@ -23,7 +23,6 @@ char *cn_sbatch_word(const char *text, bool file);
 
 /* ---- submit.c ---- */
 enum { CN_SUBMIT_JOBS = 4, CN_SUBMIT_LIVE = 2048 };
-enum { CN_PREPARE_CPUS = 4, CN_PREPARE_MB = 8192 }; /* of a job that makes poses: a guess */
 /* The job of one stage: a single task, or an array with one task per item. */
 typedef struct cn_submit_job {
     const char *stage; /* "prepare", "group", "merge", "train", "match", "eval", "render" */

@@ -12,7 +12,8 @@
  *
  * Loss of a ray, scaled so that a ray without transients weighs 1 (E: squared error summed over channels): E
  * beta_min^2 / beta^2 + price (log beta + 1.1 alpha / (alpha + 0.1)), with beta = beta_min + 0.3 alpha logistic(b).
- * beta_min is added after the alpha, so a ray without transient density never divides by zero.
+ * beta_min is added after the alpha, so a ray without transient density never divides by zero. The colours' gradients
+ * are then taken down for large errors, as in tiles without transients (train/shade.c).
  *
  * Two things differ from the paper, where the second cost is lambda sigma and beta has no bound. First, a thin veil
  * costs nearly as much as an occluder. With lambda sigma a photo's veil explains part of the scene, and the render

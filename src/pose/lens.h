@@ -4,6 +4,10 @@
 #include "conurb/pose.h"
 
 #define CN_LENS_NAMES "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, EQUIRECTANGULAR"
+#define CN_LENS_FOREIGN_NAMES "FULL_OPENCV, FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, THIN_PRISM_FISHEYE"
+/* How far the nearest lens model may be from another tool's lens, of the picture's longer side: a pixel at working
+ * widths. */
+#define CN_LENS_MOST_ERROR 1e-3
 
 /* A lens in one common form, for every model. */
 typedef struct cn_lens_view {
@@ -19,8 +23,7 @@ bool cn_lens_is_known(int id);           /* whether COLMAP's model id is one of 
 int cn_lens_params(cn_lens lens);        /* number of parameters */
 int cn_lens_from_name(const char *name); /* COLMAP's model id, or -1 */
 
-/* Lens models of COLMAP that cn_lens lacks: FULL_OPENCV, FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and
- * THIN_PRISM_FISHEYE, with COLMAP's ids and its order of parameters. */
+/* Lens models of COLMAP that cn_lens lacks, CN_LENS_FOREIGN_NAMES, with COLMAP's ids and its order of parameters. */
 enum { CN_LENS_FOREIGN_PARAMS = 12 };
 int cn_lens_foreign_params(int id);              /* number of parameters; 0: none of these */
 int cn_lens_foreign_from_name(const char *name); /* COLMAP's id, or -1 */

@@ -24,7 +24,6 @@ enum { N_FOREIGN = sizeof FOREIGN / sizeof *FOREIGN };
 /* Rays that the fit is made with: so many directions about the axis, and a step along each. */
 enum { SPOKES = 32, STEPS_A_SPOKE = 180 };
 #define STEP_DEG 1.0
-#define MOST_ERROR 1e-3 /* of the longer side: a pixel at working widths */
 
 static int place_of(int id)
 {
@@ -163,7 +162,7 @@ cn_status cn_lens_from_foreign(int id, const double *params, cn_camera *camera, 
         return CN_OK;
     }
     CN_TRY(approximate(id, params, camera, error_px));
-    if (*error_px <= MOST_ERROR * fmax(camera->width, camera->height)) return CN_OK;
+    if (*error_px <= CN_LENS_MOST_ERROR * fmax(camera->width, camera->height)) return CN_OK;
     char far[48] = "";
     if (isfinite(*error_px)) snprintf(far, sizeof far, ", the nearest %.1f pixels off", *error_px);
     return cn_fail(CN_ERR_FORMAT,

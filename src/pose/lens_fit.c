@@ -6,7 +6,6 @@
 #include <string.h>
 
 enum { SAMPLES = 128, BISECTIONS = 60, TERMS = 3 };
-#define MOST_ERROR 1e-3 /* of the longer side: a pixel at working widths */
 
 static double polynomial(const double k[4], double r)
 {
@@ -117,7 +116,7 @@ cn_status cn_importer_lens(cn_importer *to, const cn_import_lens *lens, const ch
     if (lens->fisheye) error_px += 3.0 * hypot(lens->p[0], lens->p[1]) * far * far * fmax(lens->fx, lens->fy);
     const bool more_terms = lens->k[2] != 0.0 || lens->k[3] != 0.0, inverse = lens->undistorts && lens->k[0] != 0.0;
     if (!lens->fisheye && (more_terms || inverse)) error_px += approximate(lens, camera, &view);
-    if (!(error_px <= MOST_ERROR * fmax(camera->width, camera->height)))
+    if (!(error_px <= CN_LENS_MOST_ERROR * fmax(camera->width, camera->height)))
         return cn_fail(CN_ERR_FORMAT,
                        "%s: %s: no lens model of Conurb (" CN_LENS_NAMES ") comes nearer to this lens than %.1f "
                        "pixels; export undistorted photos and their poses",

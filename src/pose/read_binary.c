@@ -50,7 +50,7 @@ static cn_status read_camera(cursor *c, cn_raw_model *raw, cn_camera *camera)
     if (!cn_lens_is_known(model) && !cn_lens_foreign_params(model))
         return cn_fail(CN_ERR_FORMAT,
                        "%s: byte %zu: camera %u has COLMAP lens model %d, which is not supported; "
-                       "supported are " CN_LENS_NAMES " (undistort the photos with colmap "
+                       "supported are " CN_LENS_NAMES ", " CN_LENS_FOREIGN_NAMES " (undistort the photos with colmap "
                        "image_undistorter, or pose them again with one of these)",
                        c->path, at, camera->id, model);
     if (size[0] > UINT32_MAX || size[1] > UINT32_MAX)

@@ -119,7 +119,8 @@ static cn_status read_camera(text *t, cn_raw_model *raw, cn_camera *camera)
     if (lens < 0 && foreign < 0)
         return cn_fail(CN_ERR_FORMAT,
                        "%s: line %zu: camera %u has lens model %s, which is not supported; supported "
-                       "are " CN_LENS_NAMES " (undistort the photos with colmap image_undistorter, or "
+                       "are " CN_LENS_NAMES ", " CN_LENS_FOREIGN_NAMES
+                       " (undistort the photos with colmap image_undistorter, or "
                        "pose them again with one of these)",
                        t->path, t->line, camera->id, name);
     if (!id32(t, &camera->width) || !id32(t, &camera->height)) return bad(t, "the camera has no size");

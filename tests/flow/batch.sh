@@ -136,6 +136,7 @@ chmod +x "$work/two-nodes/sinfo"
 PATH=$work/two-nodes:$PATH expect 0 "prepare=" "submit to small nodes" \
     "$conurb" submit "$work/bare" --engine slurm --dry-run
 grep -q -- "--cpus-per-task=2$" "$work/bare/jobs"/prepare*.sbatch &&
+    grep -q -- "--time=1440$" "$work/bare/jobs"/prepare*.sbatch &&
     grep -q -- "--mem=6000M$" "$work/bare/jobs"/prepare*.sbatch && good || bad "a job asks for more than a node has"
 # When the tiles are trained, the match, and then the frames.
 expect 0 "kubernetes.yaml" "submit of the match" "$conurb" submit "$work/trained" --engine kubernetes --dry-run
